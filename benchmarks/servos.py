@@ -21,7 +21,7 @@ from scipy.signal import lfilter
 
 from simtune.before_after.readings import Replayed, Tuned, replay
 from simtune.budget import Budget
-from simtune.checking.servos import delayed_by
+from simtune.checking.servos.fit import delayed_by
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.trajectory import Trajectory

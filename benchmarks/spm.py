@@ -27,7 +27,7 @@ from simtune.progress import ReportProgress
 from simtune.real.choose import choose_real
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import TASKS, load_task
-from simtune.tuning import make_search, needed_image_size
+from simtune.tuning import make_search, usual_image_size
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _TARGET_PERCENT = 10.0
@@ -66,7 +66,7 @@ def follow(
     """
     name: SearchName = "paper" if isinstance(config, PaperConfig) else "posterior"
     began_s, budget = time.monotonic(), Budget(60 * minutes, _report_on_stderr(name))
-    task, image_size = load_task(task_name), needed_image_size(name)
+    task, image_size = load_task(task_name), usual_image_size(name)
     real, start, truth = choose_real(RealConfig(seed=seed), task, image_size)
     assert truth is not None
     trajectories = real.collect(real_episodes)

@@ -119,9 +119,9 @@ def quick_commands(monkeypatch, quick):
 @pytest.fixture
 def small_library(monkeypatch):
     """Films are compared with few of the simulator's pictures, and few of these with others."""
-    monkeypatch.setattr("simtune.checking.library._WORLDS", 12)
-    monkeypatch.setattr("simtune.checking.library._PICTURES", 8)
-    monkeypatch.setattr("simtune.checking.film._JUDGED", (4, 4))
+    monkeypatch.setattr("simtune.checking.film.library._WORLDS", 12)
+    monkeypatch.setattr("simtune.checking.film.library._PICTURES", 8)
+    monkeypatch.setattr("simtune.checking.film.compare._JUDGED", (4, 4))
 
 
 @pytest.fixture

@@ -14,12 +14,12 @@ from simtune.fit import (
     PointEstimate,
     bound_warnings,
     calibrated,
+    correlated_pairs,
     held_out_misfit,
     model_checks,
     run_bootstrap,
-    tell_apart,
+    too_late_warning,
 )
-from simtune.fit.calibration.uncertainty import too_late_warning
 from simtune.fit.lateness import is_too_late
 from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
@@ -544,10 +544,12 @@ def test_model_checks_warn_of_misfit_and_of_latency():
 
 
 def test_pairs_of_any_kind_are_told_where_their_errors_go_together():
-    assert tell_apart(a_fit().correlation, SPACE) == {"pole_mass, actuator_gain": 0.9}
-    assert tell_apart(correlated("body_r", "ground_r", -0.7), SPACE) == {"body_r, ground_r": -0.7}
-    assert tell_apart(correlated("body_r", "ground_g", 0.9), SPACE) == {}  # nobody asks for that
-    assert tell_apart(correlated("body_r", "ground_r", -0.5), SPACE) == {}
+    assert correlated_pairs(a_fit().correlation, SPACE) == {"pole_mass, actuator_gain": 0.9}
+    of_red = correlated("body_r", "ground_r", -0.7)
+    assert correlated_pairs(of_red, SPACE) == {"body_r, ground_r": -0.7}
+    of_two_channels = correlated("body_r", "ground_g", 0.9)
+    assert correlated_pairs(of_two_channels, SPACE) == {}
+    assert correlated_pairs(correlated("body_r", "ground_r", -0.5), SPACE) == {}
 
 
 def test_correlations_are_those_of_the_intervals_once_refits_have_judged_them():

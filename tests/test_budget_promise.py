@@ -16,7 +16,7 @@ from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
 from simtune.fit import Bootstrap, FitConfig, ParticleConfig
 from simtune.tuning.fit_stage import FitStage
-from simtune.tuning.told import Told
+from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning_run import tune
 
 # Of a round of `simtune tune` it takes a fifth for networks and most for fits, on two cores.
@@ -154,6 +154,6 @@ def test_readings_that_take_longer_than_their_time_are_left_to_windows(tmp_path:
         experiment = build_experiment(config)
         began_s = machine.now_s
         given = experiment.context, experiment.recordings
-        assert Told.by_readings(*given, Budget(20.0)) is None
+        assert ReadingsEstimate.fitted(*given, Budget(20.0)) is None
         assert machine.now_s - began_s < 20
-        assert Told.by_readings(*given, Budget(2000.0)) is not None
+        assert ReadingsEstimate.fitted(*given, Budget(2000.0)) is not None

@@ -14,18 +14,18 @@ from mujoco.batch import Batch
 from simtune.cameras.footage import Footage
 from simtune.cameras.views import View, apart
 from simtune.checking import check
-from simtune.config import CheckConfig, RecordConfig
+from simtune.config import CheckConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, colour
 from simtune.randomization import Distribution
-from simtune.real.choose import observed
+from simtune.real.choose import choose_real, observed
 from simtune.real.recorded import RecordedReal
 from simtune.record import record
 from simtune.recordings import open_dataset, write_dataset
 from simtune.simulation import Simulator, make_renderer
 from simtune.simulation.rendering.primitives.drawing import Primitives
-from simtune.tasks import Task, before_one_camera, load_task
+from simtune.tasks import Task, load_task, with_one_square_camera
 from simtune.trajectory import Trajectory
 from simtune.vision.detector import DetectorConfig, KeypointDetector, detect, to_input
 from simtune.vision.keypoints import Keypoints, candidate_keypoints, find_keypoints
@@ -229,7 +229,7 @@ def test_check_draws_a_picture_of_each_camera(task, tmp_path, monkeypatch):
     record(RecordConfig(task=str(tuning), out=tmp_path / "data", episodes=1, image_size=HEIGHT))
     (tmp_path / "temp").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temp"))
-    monkeypatch.setattr("simtune.checking.film._own_gain", lambda _: 1.0)  # takes longest
+    monkeypatch.setattr("simtune.checking.film.compare._own_gain", lambda _: 1.0)  # takes longest
     module = sys.modules["simtune.checking.check"]
     monkeypatch.setattr(module, "draw_film", lambda path, *_: path.touch())
 
@@ -289,9 +289,9 @@ def test_cameras_are_observed_by_name(task):
 
 def test_policies_look_through_one_camera(task):
     with pytest.raises(InputError, match="has 2 cameras"):
-        before_one_camera(task)
+        with_one_square_camera(task)
     alone = replace(task, cameras=task.cameras[:1])
-    assert before_one_camera(alone).cameras[0].is_square
+    assert with_one_square_camera(alone).cameras[0].is_square
 
 
 def test_keypoints_of_both_views_are_chosen_and_kept(task):
@@ -305,3 +305,41 @@ def test_keypoints_of_both_views_are_chosen_and_kept(task):
     again = every.with_state(json.loads(json.dumps(chosen.state())))
     np.testing.assert_array_equal(again.geoms, chosen.geoms)
     np.testing.assert_array_equal(again.views, chosen.views)
+
+
+@pytest.fixture
+def room(tmp_path) -> np.ndarray:
+    """(HEIGHT, HEIGHT, 3) of the picture that the front camera's footage names."""
+    from matplotlib.image import imsave
+
+    y, x = np.mgrid[:HEIGHT, :HEIGHT] / HEIGHT
+    picture = np.rint(np.stack([60 * y, 90 + 90 * x, 250 - 90 * y], -1)).astype(np.uint8)
+    imsave(tmp_path / "room.png", picture)
+    (tmp_path / "scene.xml").write_text(MODEL)
+    named = 'images.front"\nbackground = "room.png"\n'
+    (tmp_path / "tune.toml").write_text(TUNING.replace('images.front"\n', named))
+    return picture
+
+
+def test_a_background_picture_is_behind_pseudo_real_worlds_and_recordings_as_well(tmp_path, room):
+    task = str(tmp_path / "tune.toml")
+    pseudo, *_ = choose_real(TuneConfig(task=task, out=tmp_path), load_task(task), HEIGHT)
+    filming = RecordConfig(task=task, out=tmp_path / "film", episodes=1, image_size=HEIGHT)
+    film = open_dataset(
+        record(filming), cameras=load_task(task).cameras, image_size=HEIGHT, num_actions=2
+    )
+    for frames, off in ((pseudo.collect(1)[0].frames, 0), (film.read(0).frames, 12)):
+        front, above = apart(frames[0].astype(int), [HEIGHT, HEIGHT])
+        is_room = (np.abs(front - room) <= off).all(-1)
+        assert 0.8 < is_room.mean() < 1  # the ball is before it
+        assert (np.abs(above - room) > 12).any(-1).mean() > 0.9
+
+
+def test_a_background_picture_is_not_left_out_where_opengl_draws(tmp_path, room):
+    task = str(tmp_path / "tune.toml")
+    gapped = TuneConfig(task=task, out=tmp_path, real_gap=True)
+    with pytest.raises(InputError, match="leave --real-gap or background = FILE out"):
+        choose_real(gapped, load_task(task), HEIGHT)
+    with pytest.raises(InputError, match=r"room\.png: OpenGL cannot draw a background picture"):
+        record(RecordConfig(task=task, out=tmp_path / "film", renderer="opengl"))
+    assert not (tmp_path / "film").exists()

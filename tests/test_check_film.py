@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from test_check import PENDULUM, make_task, pendulum
 
-from simtune.checking import film
-from simtune.checking.features import SIZE, describe, likeness, moving_share
-from simtune.checking.film import compare
-from simtune.checking.framing import AS_IT_IS, FRAMINGS, MIRRORED
-from simtune.checking.library import Library, make_libraries
+from simtune.checking.film import compare as film
+from simtune.checking.film.compare import compare
+from simtune.checking.film.features import SIZE, describe, likeness, moving_share
+from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, MIRRORED
+from simtune.checking.film.library import Library, make_libraries
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.recordings import write_dataset

@@ -16,9 +16,9 @@ from matplotlib.image import imread
 
 from simtune import cli
 from simtune.checking import check, table
-from simtune.checking.joint_ranges import beyond_ranges
 from simtune.checking.readings import read_episodes, reading_changes
-from simtune.checking.servo_commands import commands_of, servos_of
+from simtune.checking.servos.commands import commands_of, servos_of
+from simtune.checking.servos.joint_ranges import beyond_ranges
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.settings import Settings

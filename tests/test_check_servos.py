@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from simtune.checking.play import find_play, through_play
-from simtune.checking.servo_commands import _without_gaps
-from simtune.checking.servo_doubts import doubts
-from simtune.checking.servo_table import servo_lines
-from simtune.checking.servos import Servo, delayed_by, filtered_by, fit_servo, noise_of
+from simtune.checking.servos.commands import _without_gaps
+from simtune.checking.servos.doubts import doubts
+from simtune.checking.servos.fit import Servo, delayed_by, filtered_by, fit_servo, noise_of
+from simtune.checking.servos.play import find_play, through_play
+from simtune.checking.servos.table import servo_lines
 
 STEP_S = 0.02
 

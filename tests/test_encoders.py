@@ -21,7 +21,7 @@ from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import make_search
 from simtune.tuning.fit_stage import _blunted, _scaled_as
-from simtune.tuning.told import Told
+from simtune.tuning.readings_estimate import ReadingsEstimate
 
 JOINTS = {
     "cartpole": ("slider",),
@@ -90,14 +90,16 @@ def test_readings_alone_have_no_say_where_a_joint_begins_anywhere(tmp_path: Path
     config = TuneConfig(task="finger", out=tmp_path / "run", observe=BOTH, real_episodes=1)
     experiment = build_experiment(config)
     budget = None  # which is not looked at
-    assert Told.by_readings(experiment.context, experiment.recordings, budget) is None
+    assert ReadingsEstimate.fitted(experiment.context, experiment.recordings, budget) is None
 
 
 def test_readings_are_those_of_the_first_episodes_after_a_resumption_too(tmp_path, monkeypatch):
     """A policy's episodes come later, and first in the list."""
     config = TuneConfig(task="cartpole", out=tmp_path / "run", observe=BOTH, real_episodes=2)
     experiment, read = build_experiment(config), list[list[Trajectory]]()
-    monkeypatch.setattr(Told, "by_readings", lambda context, real, budget: read.append(real))
+    monkeypatch.setattr(
+        ReadingsEstimate, "by_readings", lambda context, real, budget: read.append(real)
+    )
     real, budget = experiment.recordings, Budget()
     search, resumed = (make_search("posterior", experiment.context) for _ in range(2))
     search._fit_readings(real, budget)

@@ -173,6 +173,46 @@ def test_nothing_is_inferred_anew_or_left_out(xml, toml, tmp_path):
         assert differences(exported, expected, rtol=1e-4) == [], path.name
 
 
+# A free body whose frame MuJoCo moves to its centre of mass
+ALIGNED = """
+<mujoco>
+  <compiler {compiler}/>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/>
+    <geom name="floor" type="plane" size="2 2 .1"/>
+    <body name="hammer" pos=".3 0 .4" euler="0 30 20"><freejoint {joint}/>
+      <geom type="box" size=".1 .05 .05"/><geom name="end" pos=".2 .05 0" size=".05"/>
+    </body>
+    <body name="arm" pos="0 1 .5"><joint axis="0 1 0"/><geom size=".1" pos=".1 0 0"/></body>
+  </worldbody>
+</mujoco>
+"""
+OF_ALIGNED = """
+model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+parameters = [{{name = "mass", kind = "mass", objects = ["{body}"]}}]
+"""
+
+
+@pytest.mark.parametrize("body", ["hammer", "arm"])
+@pytest.mark.parametrize(
+    "where",
+    [{"compiler": 'alignfree="true"', "joint": ""}, {"compiler": "", "joint": 'align="true"'}],
+)
+def test_a_free_body_that_mujoco_aligns_moves_as_in_the_tuned_world(where, body, tmp_path):
+    (tmp_path / "scene.xml").write_text(ALIGNED.format(**where))
+    (tmp_path / "scene.toml").write_text(OF_ALIGNED.format(body=body))
+    task = str(tmp_path / "scene.toml")
+    run, mean = a_run(tmp_path / "run", task)
+    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+    copy, expected = tmp_path / "copy.xml", the_tuned_world(task, mean)
+    subprocess.run([sys.executable, out / "apply.py", tmp_path / "scene.xml", copy], check=True)
+    for path in (out / "model.xml", copy):
+        moved = after_a_second(mujoco.MjModel.from_xml_path(str(path)))
+        np.testing.assert_allclose(moved, after_a_second(expected), atol=1e-3, err_msg=path.name)
+
+
 def test_what_mujoco_cannot_write_is_said_in_a_line(scene, tmp_path, monkeypatch):
     def refuse(*_):
         raise ValueError("Error: no word\nfor that")

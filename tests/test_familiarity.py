@@ -5,9 +5,9 @@ import pytest
 
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.tuning import familiarity
+from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.estimate import Estimate, Verdict
 from simtune.tuning.familiarity import NOT_STRANGE, STRANGE, Strange, doubted, how_strange
-from simtune.tuning.fit_stage import Detected, HeldOut
 from simtune.vision.detector import Detections
 
 WORLDS, EPISODES, STEPS, KEYPOINTS, SIZE = 60, 2, 50, 4, 64

@@ -10,7 +10,7 @@ from keypoint_evidence import tracks_at
 from simtune.fit import JointMotion, Observed, OpenLoop, Physics, left_open
 from simtune.fit.motion.shooting import Shooting, ShootingFit
 from simtune.fit.motion.shooting_config import ShootingConfig
-from simtune.fit.readings.joint_motion import of_unknowns, smoothed, without_readings
+from simtune.fit.readings.joint_motion import keep_moved_keypoints, smoothed, without_readings
 from simtune.observation import AllEvidence, ObservationModel, finds_offset
 from simtune.tasks import Task, load_task
 from simtune.vision.keypoints import Keypoints, every_keypoint
@@ -183,7 +183,7 @@ def test_only_keypoints_of_what_is_unknown_count(pushes):
     for is_known, counted in ((joints.is_known, [1, 1, 0]), (np.zeros(14, bool), [1, 1, 1])):
         state_std = np.where(is_known, 0.0, 0.01)
         given = physics, pushes.states[:, 0], state_std, unit, friction
-        left, readings = of_unknowns(observed, *given).evidence.parts
+        left, readings = keep_moved_keypoints(observed, *given).evidence.parts
         expected = tracks.probability * np.array(counted)
         np.testing.assert_array_equal(left.probability, expected)
         assert readings is evidence.parts[1]

@@ -13,7 +13,7 @@ from simtune.fit.motion.offsets import has_unknown_offsets, loosened, without_of
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.readings.residuals import correlation_times
-from simtune.fit.readings.slopes import Groups, Slopes, agreed
+from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
 from simtune.observation import (
     AllEvidence,
     JointReadings,
@@ -118,7 +118,7 @@ def test_unknowns_that_share_no_reading_are_derived_by_at_once():
     # Four parameters of two readings; the fourth hardly shows, and only where the first does more
     effects = np.array([[1.0, 0.02], [0.9, 0.0], [0.0, 1.0], [0.0, 0.01]])
     by_parameter = np.broadcast_to(effects[None, :, None, :], (3, 4, 5, 2))
-    slopes = Slopes(np.zeros((3, 5, 2)), by_parameter, np.zeros((3, 0, 5, 2)))
+    slopes = StretchSlopes(np.zeros((3, 5, 2)), by_parameter, np.zeros((3, 0, 5, 2)))
     groups = Groups.of(slopes, np.ones(2))
     assert groups.number[0] == groups.number[2] != groups.number[1]
     its_group = groups.owner[groups.number[3]]
@@ -130,10 +130,12 @@ def test_what_no_reading_tells_of_waits():
     # A parameter that shows and one that does not; a start that is forgotten and one that grows
     by_parameter, by_start = np.array([[0.5, 0.0], [0.0, 1e-3]]), np.array([[0.9, 2.9], [0.0, 3.1]])
     spread = [np.broadcast_to(its[None, :, None], (3, 2, 5, 2)) for its in (by_parameter, by_start)]
-    groups = Groups.of(Slopes(np.zeros((3, 5, 2)), *spread), np.ones(2))
+    groups = Groups.of(StretchSlopes(np.zeros((3, 5, 2)), *spread), np.ones(2))
     assert groups.number.tolist() == [0, -1, -1, 0]
     assert groups.owner.tolist() == [[0, 3]]
-    still = Groups.of(Slopes(np.zeros((3, 5, 2)), *(1e-3 * its for its in spread)), np.ones(2))
+    still = Groups.of(
+        StretchSlopes(np.zeros((3, 5, 2)), *(1e-3 * its for its in spread)), np.ones(2)
+    )
     assert still.number.tolist() == [-1] * 4
     assert still.owner.shape == (0, 2)
 

@@ -14,7 +14,7 @@ from test_fit import (  # noqa: F401
     simulator,
 )
 
-from simtune.fit.lateness import Lateness, as_seen
+from simtune.fit.lateness import Lateness, states_in_late_pictures
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.physics import Physics
@@ -73,9 +73,9 @@ def test_a_fit_predicts_where_a_late_film_has_things(played, substeps):  # noqa:
 
 def test_things_are_drawn_where_late_pictures_show_them(simulator, played, substeps):  # noqa: F811
     states = substeps.states[:, ::SUBSTEPS]
-    np.testing.assert_array_equal(as_seen(simulator, states, 0.0), states)
+    np.testing.assert_array_equal(states_in_late_pictures(simulator, states, 0.0), states)
     for substep in (-3, 3):
-        shown = as_seen(simulator, states, substep / SUBSTEPS)[:, 1:-1, 1:3]
+        shown = states_in_late_pictures(simulator, states, substep / SUBSTEPS)[:, 1:-1, 1:3]
         there = substeps.states[:, SUBSTEPS - substep :: SUBSTEPS, 1:3][:, : shown.shape[1]]
         off, on_time = (np.abs(its - there).max() for its in (shown, states[:, 1:-1, 1:3]))
         assert off < 0.1 * on_time

@@ -8,7 +8,7 @@ import pytest
 from simtune.errors import InputError
 from simtune.fit.pictures.picture_fit import PictureFit, Pictures, exposed, fit_pictures
 from simtune.fit.pictures.response import CameraResponse, step_by_known_colours
-from simtune.fit.pictures.scene import Slopes
+from simtune.fit.pictures.scene import PixelSlopes
 from simtune.recordings import decode, write_video
 from simtune.tasks import load_any_task, load_task, with_known_colours
 from simtune.vision.image_noise import ImageNoise
@@ -117,7 +117,7 @@ def test_exposures_by_hand():
     response[0, :, 0], response[1, :, 1], response[2, :, 2] = 0.5, 0.5, 0.5
     none = np.zeros((0, 2, 3))
     weight, residual = np.full((2, 3), 1e6), np.array([[-0.1, -0.1, 9], [0.02, 0.02, 9]])
-    after = exposed(np.zeros((2, 1)), Slopes(shown, none, response, none), weight, residual)
+    after = exposed(np.zeros((2, 1)), PixelSlopes(shown, none, response, none), weight, residual)
     # By themselves 0.2 brighter and 0.04 darker; their mean is the gain's.
     np.testing.assert_allclose(after[:, 0], [0.12, -0.12], atol=1e-3)
 

@@ -20,10 +20,12 @@ from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, familiarity, make_search
+from simtune.tuning.detected import Detected
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.fit_stage import Detected
+from simtune.tuning.learning import Learned
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.search import Callbacks
 from simtune.vision.keypoints import find_keypoints
 
 
@@ -72,7 +74,9 @@ def test_the_detector_is_judged_in_worlds_as_near_the_real_one_as_its_start_tell
     known = PointEstimate(START, std)
     learning, searched = search._learning, search.distribution
     others = learning.hold_out(real, searched, Budget())
-    near = learning.film_near(real, searched, known, others, Budget()).worlds
+    nothing = np.empty(0)
+    learned = Learned(searched, nothing, others, Detected(real, []), nothing)
+    near = learning.film_near(learned, known, Budget()).worlds
     assert near.frames.shape[:2] == (tiny.near_worlds, tiny.near_steps)
     away = np.abs(SPACE.to_unit(near.parameters) - SPACE.to_unit(START))
     assert (away[:, 1:] <= 0.05 + 1e-9).all()
@@ -82,7 +86,7 @@ def test_the_detector_is_judged_in_worlds_as_near_the_real_one_as_its_start_tell
     assert (near.parameters <= searched.high + 1e-9).all()
     roll_out = simulator.roll_out
     monkeypatch.setattr(simulator, "roll_out", lambda *given: roll_out(*given).only(slice(0)))
-    assert learning.film_near(real, searched, known, others, Budget()) is others
+    assert learning.film_near(learned, known, Budget()) is others
 
 
 def test_make_search_makes_the_search_of_that_name(simulator, tiny):
@@ -152,7 +156,7 @@ def test_a_round_that_was_cut_off_goes_on_with_its_detector_bit_for_bit(
         tensors = {k: v.clone() for k, v in straight.tensors().items()}
         saved.append((tensors, json.loads(json.dumps(straight.state()))))
 
-    expected, events, metrics = straight.run_round(real, Budget(), keep=keep)
+    expected, events, metrics = straight.run_round(real, Budget(), Callbacks(save=keep))
     resumed = start(CARTPOLE.simulator(image_size=SIZE), tiny, seed=4)
     ((tensors, state),) = saved
     resumed.load(tensors, state)
@@ -209,7 +213,7 @@ def test_a_round_is_judged_by_refits_unless_time_is_over_or_another_will_follow(
 def test_a_fit_is_told_before_it_is_judged_and_not_called_sure(simulator, real, tiny):
     told: list[Estimate] = []
     search = start(simulator, replace(tiny, num_rounds=1))
-    judged, _, _ = search.run_round(real, Budget(1e6), told.append)
+    judged, _, _ = search.run_round(real, Budget(1e6), Callbacks(report_early=told.append))
     (early,) = told
     assert "identified" not in early.verdict
     assert not early.ranks

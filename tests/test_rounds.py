@@ -160,7 +160,7 @@ def test_a_search_for_a_policy_need_not_know_colours_before_a_real_camera(
     monkeypatch, simulator, tiny, noise, rounds, reason
 ):
     monkeypatch.setattr(ObservationModel, "image_noise", noise)
-    config = replace(tiny, num_rounds=2, precision=0.05, for_policy=True, bears_brightness=True)
+    config = replace(tiny, num_rounds=2, precision=0.05, for_policy=True, tolerates_brightness=True)
     widths = [np.where(SPACE.is_appearance, wide, 0.04) for wide in (0.5, 0.3)]
     stopped = rounds_until_stop(monkeypatch, simulator, config, widths)
     assert stopped == (rounds, reason)

@@ -30,7 +30,7 @@ from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings import ReadingsSearch
-from simtune.tuning.readings_fits import Found
+from simtune.tuning.readings_fits import BestDescent
 from simtune.tuning.readings_verdict import _along_sums, conclude
 from simtune.tuning_run import tune
 
@@ -438,7 +438,7 @@ def concluded(
     facts = {"covariance": covariance, "unit": np.full(len(apart), 0.5), "late_steps": (0.0, 0.0)}
     facts |= {"offsets": np.zeros(2), "noise": np.full(2, noise), "start": np.zeros(1)}
     judged = cast(OutputErrorFit, SimpleNamespace(**facts))
-    found = cast(Found, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
+    found = cast(BestDescent, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
     first = Distribution.first(experiment.space, experiment.space.nominal)
     return conclude(judged, found, first, observation, 0, 0.05)[0]
 

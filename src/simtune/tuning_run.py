@@ -7,7 +7,7 @@ from typing import Any
 
 from simtune.budget import Budget
 from simtune.checking.promise import promises
-from simtune.config import TuneConfig
+from simtune.config import ROBOTS, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.experiment.run import Run
@@ -16,7 +16,7 @@ from simtune.progress import ReportProgress, silent
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.folder import kept_state
 from simtune.tasks import AnyTask
-from simtune.tuning.search import Needed
+from simtune.tuning.search import Callbacks, Needed
 
 log = logging.getLogger(__name__)
 # Time for videos and the report: as long as the start took, within these bounds. A busy machine
@@ -49,6 +49,8 @@ def tune(
     experiment = build_experiment(config, report, settings, task)
     built_s = time.monotonic() - started_s  # for example to film the real world
     ending_s = min(max(_AT_THE_END_S[0], built_s), _AT_THE_END_S[1])
+    if config.real in ROBOTS:  # takes its own time to film, which is no part of the budget
+        started_s = time.monotonic()
     warnings = experiment.warnings(experiment.recordings)
     _warn(warnings)
     search, real = experiment.search, experiment.recordings
@@ -69,7 +71,7 @@ def tune(
         budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             round_began_s = time.monotonic()
-            found = search.run_round(real, budget, run.tell_early, run.save_within)
+            found = search.run_round(real, budget, Callbacks(run.log_early, run.save_within))
             run.round_s = time.monotonic() - round_began_s
             run.step = experiment.simulator.num_steps
             run.log_round(found, len(real))

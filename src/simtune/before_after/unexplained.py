@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_opening
 
+from simtune.normal import MAD_TO_STD
+
 _FAR = 4.0  # noise levels
 _LEAST = 0.06  # of the full scale, that a pixel must differ by
 _SQUARE = np.ones((1, 3, 3), bool)  # what is smaller is an edge that lies a little aside
@@ -17,7 +19,7 @@ def unexplained(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:
     difference = (real.astype(np.float32) - simulated) / 255
     difference -= np.median(difference, (1, 2), keepdims=True)
     size = np.abs(difference).max(-1)
-    limit = max(_FAR * 1.48 * float(np.median(size)), _LEAST)
+    limit = max(_FAR * MAD_TO_STD * float(np.median(size)), _LEAST)
     return binary_dilation(binary_opening(size > limit, _SQUARE), _SQUARE)
 
 

@@ -10,16 +10,16 @@ from simtune.cameras.pictures import resize
 from simtune.cameras.views import View, apart
 from simtune.checking.conclusions import CLEAR, conclude
 from simtune.checking.extents import extents_px, small, unclear_of
-from simtune.checking.film import compare
-from simtune.checking.film_picture import Shown, draw_film, new_file
+from simtune.checking.film.compare import compare
+from simtune.checking.film.library import MOST_STEPS, make_libraries
+from simtune.checking.film.picture import Shown, draw_film, new_file
 from simtune.checking.frictions import unfelt_frictions
 from simtune.checking.image_size import choose_image_size
-from simtune.checking.library import MOST_STEPS, make_libraries
 from simtune.checking.limits import joints_at_limits
 from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import ReadEpisodes, read_episodes, reading_changes
 from simtune.checking.recording_warnings import too_short, warnings
-from simtune.checking.servo_picture import draw_servos
+from simtune.checking.servos.picture import draw_servos
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.sensitivity import analyze

@@ -6,13 +6,13 @@ from typing import Any, Literal
 import numpy as np
 
 from simtune.fit.sensitivity import Sensitivity
+from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
 from simtune.tuning.range_update import RangeUpdateConfig
 
 Shows = Literal["shows clearly", "shows weakly", "does not show"]
 CLEAR: Shows = "shows clearly"
 
-_INTERVAL = 2 * 1.645  # width of a normal distribution's central 90 %, in standard deviations
 _TOGETHER = 0.8  # correlation from which two errors count as one: (1 + r) / (1 − r) is 9
 _NOTHING = "changes neither picture nor motion: it cannot be found from video"
 _NOTHING_READ = "changes no reading: it cannot be found from these sensors"
@@ -29,7 +29,7 @@ def conclude(
     # Parameters that a single picture shows need no motion; the others do, however they look.
     picture_std = np.where(space.is_visible, sensitivity.picture_std, np.inf)
     std = np.minimum(picture_std, sensitivity.motion_std)
-    share = _INTERVAL * std / sensitivity.first_width
+    share = 2 * STDS_90 * std / sensitivity.first_width
     shows: list[Shows] = [_shows(s) for s in share]
     together = np.abs(np.triu(sensitivity.correlation, 1)) > _TOGETHER
     pairs = [_pair(space, sensitivity, shows, i, j) for i, j in np.argwhere(together)]

@@ -12,7 +12,7 @@ from simtune.names import SearchName
 from simtune.observation import ObservationModel
 from simtune.real.choose import observed, open_recordings
 from simtune.tasks import AnyTask, Task
-from simtune.tuning import needed_image_size
+from simtune.tuning import usual_image_size
 
 _LARGEST_PX = 128  # chosen by itself, since time grows with the square
 _EPISODES, _STEPS = 4, 60  # looked at, at most
@@ -27,7 +27,7 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
     than recordings have, if even the largest moving part would be small otherwise. Raises
     InputError for recordings that cannot be read.
     """
-    usual = needed_image_size(search)
+    usual = usual_image_size(search)
     if config.image_size or search != "posterior" or not isinstance(task, Task):
         return config.image_size or usual
     seen = observed(task, config.observed, is_simulated=False)

@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.checking.joint_ranges import beyond_ranges
-from simtune.checking.play import find_play
-from simtune.checking.servo_commands import commands_of, servos_of
-from simtune.checking.servo_doubts import doubts
-from simtune.checking.servo_picture import Curve
-from simtune.checking.servos import Servo, fit_servo, predict
+from simtune.checking.servos.commands import commands_of, servos_of
+from simtune.checking.servos.doubts import doubts
+from simtune.checking.servos.fit import Servo, fit_servo, predict
+from simtune.checking.servos.joint_ranges import beyond_ranges
+from simtune.checking.servos.picture import Curve
+from simtune.checking.servos.play import find_play
 from simtune.fit import Readings
 from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from simtune.checking.servo_table import servo_lines
+from simtune.checking.servos.table import servo_lines
 from simtune.columns import aligned, cut
 
 _MOST_EXTENTS = 6

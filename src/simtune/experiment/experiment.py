@@ -31,11 +31,11 @@ from simtune.run.folder import stored_state
 from simtune.simulation import AnySimulator, Points
 from simtune.tasks import (
     AnyTask,
-    before_one_camera,
     known_values,
     load_any_task,
     with_known_colours,
     with_model,
+    with_one_square_camera,
 )
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, make_search
@@ -130,7 +130,7 @@ def build_experiment(
     if config.known_colour:
         task = with_known_colours(with_model(task), config.known_colour)
     if name != "posterior":
-        task = before_one_camera(task)
+        task = with_one_square_camera(task)
     report("looking at the real world", 0.0)
     size = choose_image_size(config, task, name)
     device = choose_device(config.device)

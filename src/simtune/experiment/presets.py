@@ -75,7 +75,7 @@ def _search_of_training(config: TrainConfig, task: Task) -> PosteriorSearchConfi
         return replace(
             _FAST_SEARCH,
             precision=config.range_policy / WIDER,  # of wider ones, Ξ_policy would hold less
-            bears_brightness=choose_agent(config) == "teacher_student",
+            tolerates_brightness=choose_agent(config) == "teacher_student",
         )
     # The last round is judged by known worlds, so none may be planned that does not come.
     come = sum(choose_schedule(config, task, "posterior").searches)

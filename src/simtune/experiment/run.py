@@ -105,7 +105,7 @@ class Run:
         estimates = outcome.scalars(self.experiment.search, found.estimate)
         self.log(num_real, {"round": self.num_rounds} | estimates | found.metrics)
 
-    def tell_early(self, early: Estimate) -> None:
+    def log_early(self, early: Estimate) -> None:
         """Log an estimate of an unfinished round."""
         experiment = self.experiment
         estimates = outcome.scalars(experiment.search, early)

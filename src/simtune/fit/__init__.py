@@ -1,19 +1,26 @@
 """Fits of physics and appearance to observations: refine a rough estimate to about one per cent."""
 
 from simtune.fit.calibration.bootstrap import Bootstrap
+from simtune.fit.calibration.model_checks import (
+    has_comparison,
+    held_out_misfit,
+    is_motion_unexplained,
+    model_checks,
+)
 from simtune.fit.calibration.refits import FEW_EPISODES, MANY_EPISODES, run_bootstrap
 from simtune.fit.calibration.uncertainty import (
-    bound_warnings,
     calibrated,
-    held_out_misfit,
-    in_range,
-    is_compared,
-    model_checks,
-    moves_otherwise,
+    correlated_pairs,
     ranks,
-    tell_apart,
+    to_range_units,
 )
-from simtune.fit.lateness import Lateness, as_seen
+from simtune.fit.fit_warnings import (
+    bound_warnings,
+    latency_warning,
+    lateness_warning,
+    too_late_warning,
+)
+from simtune.fit.lateness import Lateness, states_in_late_pictures
 from simtune.fit.motion.estimator import StateEstimator
 from simtune.fit.motion.particles import ParticleConfig
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
@@ -57,20 +64,23 @@ __all__ = [
     "ShootingConfig",
     "Stage",
     "StateEstimator",
-    "as_seen",
     "bound_warnings",
     "calibrated",
+    "correlated_pairs",
     "count_fit_steps",
     "fit_to_budget",
+    "has_comparison",
     "held_out_misfit",
-    "in_range",
-    "is_compared",
+    "is_motion_unexplained",
+    "latency_warning",
+    "lateness_warning",
     "left_open",
     "model_checks",
-    "moves_otherwise",
     "num_fitted",
     "ranks",
     "replay_whole",
     "run_bootstrap",
-    "tell_apart",
+    "states_in_late_pictures",
+    "to_range_units",
+    "too_late_warning",
 ]

@@ -116,7 +116,9 @@ def _shares(num_substeps: int) -> np.ndarray:
     return np.linspace(0, num_substeps, num + 1).round() / num_substeps
 
 
-def as_seen(simulator: Simulator, full_states: np.ndarray, late_steps: float) -> np.ndarray:
+def states_in_late_pictures(
+    simulator: Simulator, full_states: np.ndarray, late_steps: float
+) -> np.ndarray:
     """(..., K, S) full states of K steps as pictures show them that are late by `late_steps`.
 
     With velocities v, their change Δv in a step, and step length h, positions are approximately

@@ -11,7 +11,7 @@ from simtune.fit.motion.particles import Particles
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.observed import Observed
-from simtune.fit.readings.joint_motion import JointMotion, of_unknowns, without_readings
+from simtune.fit.readings.joint_motion import JointMotion, keep_moved_keypoints, without_readings
 from simtune.fit.result import PointEstimate
 
 _PARTICLE_STD = (0.02, 0.1)  # bounds of the particles' parameter spread, in unit coordinates
@@ -76,7 +76,7 @@ def _by_readings(
     states, offsets = joints.find(observed, setup.estimator(observed), start.parameters)
     given = setup.prior_std, setup.space.to_unit(start.parameters), setup.moving
     some = states[:, ::_LOOKED_AT].reshape(-1, states.shape[-1])  # a thing may come into view late
-    observed = of_unknowns(without_readings(observed), setup.physics, some, *given)
+    observed = keep_moved_keypoints(without_readings(observed), setup.physics, some, *given)
     followed = _follow(setup, observed, states, fitted, start)
     return LinedUp(observed, latency_steps, offsets, *followed)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit.fit_setup import FitSetup
-from simtune.fit.lateness import as_seen, is_too_late
+from simtune.fit.lateness import is_too_late, states_in_late_pictures
 from simtune.fit.line_up import line_up
 from simtune.fit.motion.estimator import StateEstimator
 from simtune.fit.motion.shooting import ShootingFit
@@ -130,7 +130,7 @@ class ReplayFit:
     ) -> PictureFit:
         """Fit what pictures show besides motion, in the states in which they were taken."""
         physics = self._setup.physics
-        seen = as_seen(physics.simulator, motion.full_states, motion.late_steps)
+        seen = states_in_late_pictures(physics.simulator, motion.full_states, motion.late_steps)
         return fit_window_pictures(
             physics,
             self._setup.prior_std,

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.special import ndtr
 
+from simtune.normal import STDS_90
 from simtune.report.data import RunData
 from simtune.report.plot import (
     BOTTOM,
@@ -20,7 +21,6 @@ from simtune.validate import is_number
 
 _DOTS = 250
 _NAME = 16  # pixels above the plot, for the vertical axis' name
-_RADIUS = 1.645  # standard deviations: the contour is as wide and high as 90 % intervals
 _AROUND = 0.35  # margin on each side, as a share of the contour's size
 _POINTS = 72
 
@@ -64,6 +64,6 @@ def _contour(draws: np.ndarray, correlation: float) -> np.ndarray:
     A Gaussian copula with the draws' marginals.
     """
     angle = np.linspace(0, 2 * np.pi, _POINTS, endpoint=False)
-    u, v = _RADIUS * np.cos(angle), _RADIUS * np.sin(angle)
+    u, v = STDS_90 * np.cos(angle), STDS_90 * np.sin(angle)
     normal = u, correlation * u + np.sqrt(max(0, 1 - correlation**2)) * v
     return np.stack([np.quantile(draws[:, i], ndtr(z)) for i, z in enumerate(normal)], 1)

@@ -3,13 +3,13 @@
 import math
 from typing import Any, NamedTuple
 
+from simtune.normal import STDS_90
 from simtune.report.data import RunData
 from simtune.report.trust import ranks
 from simtune.report.words import number, unit
 from simtune.tuning.range_update import RangeUpdateConfig
 from simtune.validate import is_number
 
-_90 = 1.645  # standard deviations: half of a 90 % interval
 _MUCH = 3.0  # ratio of widths above which more time may help
 _FEW_REFITS = 4  # fewer refits widen intervals
 _AS_TOLD = 1.5  # ratio of widths below which more time hardly helps
@@ -83,11 +83,11 @@ def _of(run: RunData, name: str, facts: dict[str, Any], prediction: dict[str, An
     at_best, half, suffix = None, None, f" {unit(facts)}".rstrip()
     low, high = facts.get("low"), facts.get("high")
     if is_number(std := prediction.get("std_percent")):
-        at_best, suffix = _90 * std, " %"
+        at_best, suffix = STDS_90 * std, " %"
         if is_number(low) and is_number(high) and low > 0:
             half = 50 * math.log(high / low)
     elif is_number(std := prediction.get("std")):
-        at_best = _90 * std
+        at_best = STDS_90 * std
         half = (high - low) / 2 if is_number(low) and is_number(high) else None
     times = half / at_best if half and at_best else None
     best = "seen in pictures" if at_best is None else f"±{number(at_best)}{suffix}"

@@ -13,11 +13,11 @@ from simtune.sweep.asked import AskedRun
 from simtune.sweep.standing import Places
 from simtune.tasks import (
     AnyTask,
-    before_one_camera,
+    check_reward,
     load_any_task,
-    need_reward,
     with_known_colours,
     with_model,
+    with_one_square_camera,
 )
 
 
@@ -25,11 +25,11 @@ def check_options(config: TuneConfig | TrainConfig, task: AnyTask) -> None:
     """Raises InputError for options that the task does not admit. Opens no recordings."""
     is_training = isinstance(config, TrainConfig)
     if is_training:
-        need_reward(task)
+        check_reward(task)
     if config.known_colour:
         with_known_colours(with_model(task), config.known_colour)
     if is_training or config.search != "posterior":
-        before_one_camera(task)
+        with_one_square_camera(task)
     observed(task, config.observed, is_simulated=False)
     if config.real == "pseudo":
         read_parameters(config.real_parameters, task.parameters)

@@ -43,7 +43,7 @@ def with_model(task: AnyTask) -> Task:
     return task
 
 
-def need_reward(task: AnyTask) -> None:
+def check_reward(task: AnyTask) -> None:
     """Raises InputError for a task in which no policy can be trained."""
     if with_model(task).reward is None:
         raise InputError(
@@ -55,7 +55,7 @@ def need_reward(task: AnyTask) -> None:
 _Any = TypeVar("_Any", bound=AnyTask)
 
 
-def before_one_camera(task: _Any) -> _Any:
+def with_one_square_camera(task: _Any) -> _Any:
     """The task with square pictures by one camera, as pixel policies and the paper's search need.
 
     Raises InputError if it has several cameras.
@@ -110,13 +110,13 @@ __all__ = [
     "AnyTask",
     "EnvironmentTask",
     "Task",
-    "before_one_camera",
+    "check_reward",
     "known_values",
     "load_any_task",
     "load_task",
     "named_files",
-    "need_reward",
     "read_declared",
     "with_known_colours",
     "with_model",
+    "with_one_square_camera",
 ]

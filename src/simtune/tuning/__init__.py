@@ -12,7 +12,7 @@ SearchSettings = PosteriorSearchConfig | PaperConfig
 _IMAGE_SIZES: dict[SearchName, int] = {"posterior": 64, "paper": 100, "regression": 100}
 
 
-def needed_image_size(search: SearchName) -> int:
+def usual_image_size(search: SearchName) -> int:
     """Side in pixels of the square pictures that a search uses."""
     return _IMAGE_SIZES[search]
 
@@ -37,5 +37,5 @@ __all__ = [
     "SearchContext",
     "SearchSettings",
     "make_search",
-    "needed_image_size",
+    "usual_image_size",
 ]

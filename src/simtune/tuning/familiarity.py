@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.estimate import Estimate, at_most_weak
-from simtune.tuning.fit_stage import Detected, HeldOut
 
 _NEAREST = 3  # so that no single world decides
 _COMPARED = 400  # episodes of worlds, at most

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,22 +16,21 @@ from simtune.fit import (
     PointEstimate,
     ReplayFit,
     StateEstimator,
-    as_seen,
     run_bootstrap,
+    states_in_late_pictures,
 )
 from simtune.networks.training import TrainingClock
 from simtune.observation import AllEvidence, JointReadings
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
-from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
+from simtune.tuning.detected import HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning.search import SearchContext
-from simtune.tuning.told import Told
 from simtune.vision.detector import Detections
 from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
-from simtune.vision.keypoints import Keypoints
 
 # Factor on the readings' noise in windows, if they cannot be replayed alone. They are far sharper
 # than pictures, and contacts make the motion rough: at full weight no step of a fit lowers the
@@ -40,35 +38,6 @@ from simtune.vision.keypoints import Keypoints
 # from below and above end .008 apart in a mass's unit coordinate at ten times the noise, .005 at
 # thirty and at a hundred.
 _BLUNT = 30.0
-
-
-class HeldOut(NamedTuple):
-    """Worlds that the detector was not trained on, and its detections there."""
-
-    worlds: SimulatedWorlds
-    detections: Detections
-
-    @property
-    def episodes(self) -> list[Detections]:
-        """The detections in each world."""
-        return self.detections.episodes(len(self.worlds.frames))
-
-    def noise(self) -> DetectorNoise:
-        """The detector's, in these worlds."""
-        return DetectorNoise.measured(self.episodes, self.worlds.filmed_keypoints())
-
-
-class Detected(NamedTuple):
-    """Trajectories, and the detections in the frames of each."""
-
-    trajectories: Sequence[Trajectory]
-    detections: Sequence[Detections]
-
-
-def can_fit(context: SearchContext) -> bool:
-    """Whether worlds can start in any state, as environments may not, and something moves."""
-    anywhere = context.simulator.can_start_anywhere
-    return anywhere and isinstance(context.keypoints, Keypoints) and len(context.keypoints) > 0
 
 
 class FitStage:
@@ -86,7 +55,7 @@ class FitStage:
         """`noise`: of the detector; `learnt_from`: by the state estimator, on whose scale readings
         are given to it; `is_blunt`: readings count as if they were noisier.
         """
-        assert isinstance(context.simulator, Simulator), "see can_fit"
+        assert isinstance(context.simulator, Simulator), "see SearchContext.can_fit"
         self._context, self._model, self._simulator = context, model, context.simulator
         self._replay_fit, self._noise, self._is_blunt = replay_fit, noise, is_blunt
         self._learnt_from = learnt_from
@@ -100,19 +69,19 @@ class FitStage:
         near: HeldOut,
         config: PosteriorSearchConfig,
         budget: Budget,
-        told: Told | None = None,
+        by_readings: ReadingsEstimate | None = None,
     ) -> "FitStage":
         """Train the state estimator in held-out worlds.
 
-        The detector's noise is measured in those `near` the real one. `told`: by readings alone;
-        None if they are used in windows only, or there are none.
+        The detector's noise is measured in those `near` the real one. `by_readings`: None if they
+        are used in windows only, or there are none.
         """
         worlds, simulator = held_out.worlds, context.simulator
-        assert isinstance(simulator, Simulator), "see can_fit"
+        assert isinstance(simulator, Simulator), "see SearchContext.can_fit"
         tracks = KeypointTracks.of_detections(held_out.episodes, simulator.shape, held_out.noise())
         evidence = context.observation.evidence(tracks, worlds.readings)
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
-        joints, observe = told and told.joints, context.keypoints.observe
+        joints, observe = by_readings and by_readings.joints, context.keypoints.observe
         observe = observe if joints else context.observation.observe_beside(observe)
         physics = Physics(simulator, observe, worlds.states[0, 0])
         part = budget.share(config.state_share, (0.5, 0.55))
@@ -134,7 +103,9 @@ class FitStage:
         discrepancy = np.where(photometry.is_known, 0.0, discrepancy)
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry, joints)
         learnt_from = evidence.at(np.arange(0))  # its scales only
-        return cls(context, model, replay_fit, near.noise(), learnt_from, is_blunt=told is None)
+        return cls(
+            context, model, replay_fit, near.noise(), learnt_from, is_blunt=by_readings is None
+        )
 
     @property
     def reading_labels(self) -> tuple[str, ...]:
@@ -226,7 +197,7 @@ class FitStage:
             rollouts = self._simulator.roll_out(worlds, played, rng, see, starts)
             if len(rollouts) < len(actions):
                 return None
-            shown = as_seen(
+            shown = states_in_late_pictures(
                 self._simulator, rollouts.states, fit.late_s[0] / self._simulator.step_s
             )
             recorded = observation.record(self._simulator, replace(rollouts, states=shown), rng)

@@ -9,7 +9,7 @@ from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import unsure
-from simtune.tuning.search import Keep, Needed, Round, TellEarly, keep_nothing, tell_nobody
+from simtune.tuning.search import NO_CALLBACKS, Callbacks, Needed, Round
 
 
 class FixedRange:
@@ -30,8 +30,7 @@ class FixedRange:
         self,
         real: list[Trajectory],
         budget: Budget,
-        tell_early: TellEarly = tell_nobody,
-        keep: Keep = keep_nothing,
+        callbacks: Callbacks = NO_CALLBACKS,
     ) -> Round:
         return Round(unsure(self.distribution, "not identifiable"), [], {})
 

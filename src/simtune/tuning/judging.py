@@ -15,20 +15,19 @@ from simtune.fit import (
     PointEstimate,
     bound_warnings,
     calibrated,
+    correlated_pairs,
+    has_comparison,
     held_out_misfit,
-    in_range,
-    is_compared,
+    is_motion_unexplained,
     model_checks,
-    moves_otherwise,
     ranks,
-    tell_apart,
+    to_range_units,
 )
 from simtune.randomization import Distribution
-from simtune.trajectory import Trajectory
 from simtune.tuning.earlier import Earlier
 from simtune.tuning.estimate import Estimate, at_most_weak
-from simtune.tuning.fit_stage import Detected, FitStage, HeldOut
-from simtune.tuning.learning import Learning
+from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.learning import Learned, Learning
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import (
     RangeUpdateConfig,
@@ -37,8 +36,8 @@ from simtune.tuning.range_update import (
     read_curves,
     with_fit,
 )
-from simtune.tuning.search import SearchContext, TellEarly
-from simtune.tuning.told import Told
+from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.search import Callbacks, SearchContext
 
 _FITS_SHARE = 0.9  # of the time then left, for a fit and its refits
 _FEWEST_FITS = 2  # within that time: the real fit and one refit
@@ -58,13 +57,11 @@ _WORTH_BEGINNING = 0.5  # of a fit's time: with more left, a refit may be finish
 class Judging:
     """A round's fit, and what its refits showed."""
 
-    stage: FitStage | None  # None: nothing can be fitted
-    prob_higher: np.ndarray  # (N, C) curves of the posterior network
-    start: PointEstimate  # of the fit, by these curves and by readings
-    discrepancy_std: np.ndarray  # (N,) in unit coordinates, of errors that nothing can detect
-    told: Told | None
-    searched: Distribution  # in this round
-    first: Distribution  # in the first round
+    stage: FitStage
+    start: PointEstimate  # of the fit, by the networks and by readings
+    learned: Learned
+    first: Distribution  # the range of the first round
+    by_readings: ReadingsEstimate | None
     config: PosteriorSearchConfig
     rng: np.random.Generator  # draws known worlds
     earlier: Earlier  # of the rounds before; after `judge`, of this one as well
@@ -75,38 +72,32 @@ class Judging:
         cls,
         context: SearchContext,
         learning: Learning,
-        *,
-        real: list[Trajectory],
-        held_out: HeldOut,
-        told: Told | None,
-        prob_higher: np.ndarray,
-        searched: Distribution,
-        first: Distribution,
-        budget: Budget,
+        learned: Learned,
+        by_readings: ReadingsEstimate | None,
         earlier: Earlier,
+        budget: Budget,
         picture_s: float,
     ) -> "Judging":
-        """With a fit, if one is possible, that is as large as the time allows.
-
-        `prob_higher`: (N, C) curves of the posterior network.
-        """
-        stage, config, start = None, learning.config, point_estimate(prob_higher, searched)
-        if learning.is_fitted:
-            config = replace(config, fit=told.fitting(config.fit) if told else config.fit)
-            start = told.start(start) if told else start
-            near = learning.film_near(real, searched, start, held_out, budget)
-            stage = FitStage.prepare(context, learning.model, held_out, near, config, budget, told)
-            num_steps = min(len(t) for t in real) * len(real)
-            fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
-            stage = stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS)
+        """With a fit that is as large as the time allows."""
+        config, real = learning.config, learned.detected.trajectories
+        start = point_estimate(learned.prob_higher, learned.searched)
+        if by_readings:
+            config, start = (
+                replace(config, fit=by_readings.fit_config(config.fit)),
+                by_readings.start(start),
+            )
+        near, held_out = learning.film_near(learned, start, budget), learned.held_out
+        stage = FitStage.prepare(
+            context, learning.model, held_out, near, config, budget, by_readings
+        )
+        num_steps = min(len(t) for t in real) * len(real)
+        fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
         return cls(
-            stage=stage,
-            prob_higher=prob_higher,
+            stage=stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS),
             start=start,
-            discrepancy_std=context.observation.discrepancy_std(first.space.is_appearance),
-            told=told,
-            searched=searched,
-            first=first,
+            learned=learned,
+            first=context.first,
+            by_readings=by_readings,
             config=config,
             rng=learning.worlds.rng,
             earlier=earlier,
@@ -114,30 +105,25 @@ class Judging:
         )
 
     def judge(
-        self, detected: Detected, may_be_last: bool, budget: Budget, tell_early: TellEarly
+        self, may_be_last: bool, budget: Budget, callbacks: Callbacks
     ) -> tuple[Estimate, np.ndarray]:
         """Fit, compare with known worlds until the budget is over, and conclude.
 
         If this cannot be the last round, known worlds and longer windows are left out. Returns the
-        (N, C) curves as well. `tell_early` gets the fit's estimate before known worlds are
-        compared.
+        (N, C) curves as well. The fit's estimate is reported before known worlds are compared.
         """
-        if self.stage is None:
-            curves = blurred(self.prob_higher, self.discrepancy_std, self.searched)
-            read = read_curves(curves, self.searched, self.first, self.config.range_update)
-            return read, curves
         budget.report("fitting", 0.55)
-        observed = self.stage.observed(*detected)
-        finds_latency = self.told is None or not self.told.is_used
+        observed = self.stage.observed(*self.learned.detected)
+        finds_latency = self.by_readings is None or not self.by_readings.is_used
         try:
             fit, fit_s = self._fit(observed, may_be_last, finds_latency, budget)
         except OutOfTime:
-            return self._without_fit(), self.prob_higher
+            return self._without_fit(), self.learned.prob_higher
         size = self._refits(observed.actions.shape[:2], budget, fit_s)
         size = size if may_be_last else (0, 0)
         if size[0]:
             bootstrap = self.earlier.known(Bootstrap.none(fit))
-            tell_early(self._conclude(fit, bootstrap)[0])
+            callbacks.report_early(self._conclude(fit, bootstrap)[0])
         part = budget.part(budget.seconds_left, (0.65, 1.0))
         made = self.stage.bootstrap(observed, fit, self.start, size, self.rng, may_be_last, part)
         bootstrap = self.earlier.known(made)
@@ -153,7 +139,6 @@ class Judging:
         Refits are then as small. See `FitStage.fit`. Raises OutOfTime if the least one
         does not end either; it is not tried after a round that had a fit, which tells more.
         """
-        assert self.stage is not None
         may_be_smaller = not (budget.is_endless or self.stage.is_least or self.earlier.estimate)
         seconds = _PLANNED_SHARE * budget.seconds_left if may_be_smaller else budget.seconds_left
         began_s = time.monotonic()
@@ -174,11 +159,11 @@ class Judging:
         """
         if self.earlier.estimate:
             return self.earlier.estimate
-        ranges = self.searched, self.first
-        estimate = read_curves(self.prob_higher, *ranges, self.config.range_update)
+        where = self.learned.searched, self.first, self.config.range_update
+        estimate = read_curves(self.learned.prob_higher, *where)
         verdict = at_most_weak(estimate.verdict)
         estimate = replace(estimate, verdict=verdict, warnings=[_NO_FIT])
-        return self.told.better(estimate) if self.told else estimate
+        return self.by_readings.combined_with(estimate) if self.by_readings else estimate
 
     def _refits(self, fitted: tuple[int, ...], budget: Budget, fit_s: float) -> tuple[int, int]:
         """Number of refits to begin, and episodes of each, after a fit that took `fit_s`.
@@ -198,13 +183,21 @@ class Judging:
         return num, int(np.clip(each_s / (fit_s / num_episodes + film_s), few, many))
 
     def _conclude(self, fit: FitResult, bootstrap: Bootstrap) -> tuple[Estimate, np.ndarray]:
-        assert self.stage is not None
-        where = self.searched, self.first, self.config.range_update
-        estimate, curves = conclude(self.prob_higher, fit, bootstrap, *where)
+        where = self.learned.searched, self.first, self.config.range_update
+        estimate, curves = conclude(self.learned.prob_higher, fit, bootstrap, *where)
         if len(fit.offsets):
             offsets = zip(self.stage.reading_labels, fit.offsets.tolist(), strict=True)
             estimate = replace(estimate, offsets=dict(offsets))
-        return self.told.better(estimate) if self.told else estimate, curves
+        return self.by_readings.combined_with(estimate) if self.by_readings else estimate, curves
+
+
+def judge_by_networks(
+    learned: Learned, context: SearchContext, config: RangeUpdateConfig
+) -> tuple[Estimate, np.ndarray]:
+    """The estimate and its (N, C) curves where nothing can be fitted."""
+    discrepancy = context.observation.discrepancy_std(context.first.space.is_appearance)
+    curves = blurred(learned.prob_higher, discrepancy, learned.searched)
+    return read_curves(curves, learned.searched, context.first, config), curves
 
 
 def conclude(
@@ -217,20 +210,20 @@ def conclude(
 ) -> tuple[Estimate, np.ndarray]:
     """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
     space, trusted = searched.space, calibrated(fit, bootstrap, searched.space)
-    mean, std = in_range(trusted, searched)
+    mean, std = to_range_units(trusted, searched)
     curves = with_fit(prob_higher, mean, std, config)
     read = read_curves(curves, searched, first, config)
     is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
     at_bounds = bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
     # If the model lacks something else, none of its numbers is identified.
-    is_wrong = moves_otherwise(fit, bootstrap) or fit.is_too_late
-    is_sound = is_compared(bootstrap) and not is_wrong
+    is_wrong = is_motion_unexplained(fit, bootstrap) or fit.is_too_late
+    is_sound = has_comparison(bootstrap) and not is_wrong
     doubtful = np.array([not is_sound or name in at_bounds for name in space.names])
     estimate = replace(
         read,
         verdict=at_most_weak(read.verdict, doubtful),
         correlation=trusted.correlation,
-        correlations=tell_apart(trusted.correlation, space),
+        correlations=correlated_pairs(trusted.correlation, space),
         ranks=ranks(bootstrap, space.names),
         warnings=[*model_checks(fit, bootstrap), *at_bounds.values()],
         held_out=held_out_misfit(fit, bootstrap),

@@ -1,7 +1,7 @@
 """What a round learns in simulation: the detector, and the posterior network of survival curves."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -14,12 +14,22 @@ from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.simulated import NearlyAllDiverged, SimulatedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.trajectory import Trajectory
-from simtune.tuning.fit_stage import Detected, HeldOut
+from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import candidate_grid
 from simtune.tuning.world_sampler import WorldSampler
 
 _NEAR = 2.5  # standard deviations from a start, within which worlds resemble the real one
+
+
+class Learned(NamedTuple):
+    """What a round's networks say, before anything is fitted."""
+
+    searched: Distribution  # the range of the simulated worlds
+    keypoints: np.ndarray  # (W, E, T + 1, L, 2) px, true ones of these worlds
+    held_out: HeldOut
+    detected: Detected  # in the real trajectories
+    prob_higher: np.ndarray  # (N, C) survival curves of the posterior network
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,19 +68,14 @@ class Learning:
         worlds = self.worlds.film(real, searched, *size, part)
         return HeldOut(worlds, self.model.detect(worlds.frames))
 
-    def film_near(
-        self,
-        real: list[Trajectory],
-        searched: Distribution,
-        start: PointEstimate,
-        otherwise: HeldOut,
-        budget: Budget,
-    ) -> HeldOut:
-        """Worlds that resemble the real one, as far as `start` tells; `otherwise` if they diverge.
+    def film_near(self, learned: Learned, start: PointEstimate, budget: Budget) -> HeldOut:
+        """Worlds that resemble the real one, as far as `start` tells; others if those diverge.
 
-        What a detector gets wrong depends on looks: in all pictures of one peg, two pixels large,
-        it was half a pixel too far to the right and too high, and a rope came out 10 % too short.
+        A detector's errors depend on colours and light: in all pictures of one peg, two pixels
+        large, it was half a pixel too far to the right and too high, and a rope came out 10 % too
+        short.
         """
+        real, searched = learned.detected.trajectories, learned.searched
         space, unit = searched.space, searched.space.to_unit(start.parameters)
         learnt = space.to_unit(searched.low), space.to_unit(searched.high)  # by the detector
         ends = (np.clip(unit + side * _NEAR * start.std, *learnt) for side in (-1, 1))
@@ -79,7 +84,7 @@ class Learning:
         try:
             worlds = self.worlds.film(real, near, *size, budget)
         except NearlyAllDiverged:
-            return otherwise
+            return learned.held_out
         return HeldOut(worlds, self.model.detect(worlds.frames))
 
     def train_posterior_net(
@@ -104,7 +109,7 @@ class Learning:
         error_px = float(np.median(size_px)) if size_px.size else 0.0
         return {"loss/posterior_net": loss, "detector/error_px": error_px}
 
-    def detect(self, trajectories: Sequence[Trajectory]) -> Detected:
+    def detect(self, trajectories: list[Trajectory]) -> Detected:
         return Detected(trajectories, [self.model.detect(t.frames) for t in trajectories])
 
     def curves(self, detected: Detected, searched: Distribution) -> np.ndarray:

@@ -23,14 +23,12 @@ from simtune.search_param_model.windows import SpmBuffer
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import unsure
 from simtune.tuning.search import (
+    NO_CALLBACKS,
+    Callbacks,
     Event,
-    Keep,
     Needed,
     Round,
     SearchContext,
-    TellEarly,
-    keep_nothing,
-    tell_nobody,
 )
 
 _NOT_MOVED = (
@@ -125,8 +123,7 @@ class PaperSearch:
         self,
         real: list[Trajectory],
         budget: Budget,
-        tell_early: TellEarly = tell_nobody,
-        keep: Keep = keep_nothing,
+        callbacks: Callbacks = NO_CALLBACKS,
     ) -> Round:
         """See `Search`. The first rounds only pretrain and leave Ξ as it is."""
         self.check(real)

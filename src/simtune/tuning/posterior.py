@@ -12,6 +12,7 @@ A round is sequential neural posterior estimation with a truncated prior, follow
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,24 +26,23 @@ from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.trajectory import Trajectory
 from simtune.tuning.earlier import Earlier
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.familiarity import doubted, how_strange
-from simtune.tuning.fit_stage import can_fit
-from simtune.tuning.judging import Judging
-from simtune.tuning.learning import Learning
+from simtune.tuning.judging import Judging, judge_by_networks
+from simtune.tuning.learning import Learned, Learning
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import doubted_at_edges, update_range
+from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning.rounds import Rounds, half_widths
 from simtune.tuning.search import (
-    Keep,
+    NO_CALLBACKS,
+    Callbacks,
+    Event,
     Needed,
     Round,
     SearchContext,
-    TellEarly,
-    keep_nothing,
-    tell_nobody,
 )
-from simtune.tuning.told import Told
 from simtune.tuning.world_sampler import WorldSampler
 from simtune.vision.detector import Detections
 
@@ -64,10 +64,10 @@ class PosteriorSearch:
                 "have them start elsewhere, act, or leave the parameter out"
             )
         self.config = config = config or PosteriorSearchConfig()
-        self.context, self._can_fit = context, can_fit(context)
-        self.first = self.distribution = Distribution.first(space, context.start)
+        self.context = context
+        self.first = self.distribution = context.first
         every, moving = np.arange(len(space)), np.flatnonzero(~space.is_appearance)
-        is_dimmed = config.bears_brightness and context.observation.image_noise is not None
+        is_dimmed = config.tolerates_brightness and context.observation.image_noise is not None
         is_of_motion = is_dimmed and len(moving) > 0
         self._counted = moving if is_of_motion else every  # parameters that must be precise
         counted = "parameter of the motion" if is_of_motion else "parameter"
@@ -85,18 +85,18 @@ class PosteriorSearch:
             model=self.model,
             worlds=WorldSampler(context),
             config=config,
-            is_fitted=self._can_fit,
+            is_fitted=context.can_fit,
         )
         self._full_s = math.inf  # for a whole round, if time is limited
         self._least_s = 0.0  # for the smallest sound round
         self._picture_s = 0.0  # to draw and to look at one
         # Of an unfinished round, once its detector is trained: metrics, and the state of its
         # worlds' generator, to simulate them again
-        self._learned: dict[str, Any] | None = None
+        self._unfinished: dict[str, Any] | None = None
         # By joint readings alone, of the episodes before the first round, which come last; a later
         # session reads the same ones again
-        self._told: Told | None = None
-        self._num_told = 0
+        self._by_readings: ReadingsEstimate | None = None
+        self._num_read = 0
         self._earlier = Earlier()
 
     @property
@@ -122,83 +122,102 @@ class PosteriorSearch:
     def measure_time(self, real: list[Trajectory]) -> Needed:
         """See `Search`."""
         pace = Pace.measure(self.context, self.model, self.first)
-        work, least = Work.of(self.context.simulator, real, self._can_fit), smallest(self.config)
+        can_fit, least = self.context.can_fit, smallest(self.config)
+        work = Work.of(self.context.simulator, real, can_fit)
         self._full_s = pace.round_s(self.config, work)
         self._least_s = pace.round_s(least, work)
         self._picture_s = pace.frame_s + pace.detect_s
-        check_s = pace.check_s(work, bool(self.context.observation.sensors)) * self._can_fit
+        check_s = pace.check_s(work, bool(self.context.observation.sensors)) * can_fit
         return Needed(self._least_s, self._full_s, check_s, pace.mostly(least, work))
 
     def run_round(
         self,
         real: list[Trajectory],
         budget: Budget,
-        tell_early: TellEarly = tell_nobody,
-        keep: Keep = keep_nothing,
+        callbacks: Callbacks = NO_CALLBACKS,
     ) -> Round:
         """Simulate, train the detector and the posterior network, estimate, fit and judge."""
-        learning = self._learning
         real = self._fit_readings(real, budget)
         budget, may_be_last = self._plan(real, budget)
-        searched, began = self.distribution, learning.worlds.rng.bit_generator.state
+        learned, metrics = self._learn(real, budget, callbacks.save)
+        estimate, curves = self._judge(learned, may_be_last, budget, callbacks)
+        estimate, events = self._move(estimate, curves, learned.searched)
+        return Round(estimate, events, metrics)
+
+    def _learn(
+        self, real: list[Trajectory], budget: Budget, save: Callable[[], None]
+    ) -> tuple[Learned, dict[str, float]]:
+        """Simulate, and train the networks; also returns what is to be logged.
+
+        `save` is called once the detector is trained.
+        """
+        learning, searched = self._learning, self.distribution
+        began = learning.worlds.rng.bit_generator.state
         worlds, pictures = learning.simulate(real, searched, budget)
-        if self._learned is None:
+        if self._unfinished is None:
             metrics = learning.train_detector(pictures, searched, self.num_rounds, budget)
-            self._learned = {"metrics": metrics, "rng": began}
-            keep()
+            self._unfinished = {"metrics": metrics, "rng": began}
+            save()
         del pictures  # most of the memory
-        metrics = dict(self._learned["metrics"])
         held_out = learning.hold_out(real, searched, budget)
-        metrics |= learning.train_posterior_net(real, worlds, held_out, searched, budget)
-        told, earlier = self._told, self._earlier
+        metrics = learning.train_posterior_net(real, worlds, held_out, searched, budget)
         detected = learning.detect(real)  # before a fit is sized by the time that is left
-        prob_higher = learning.curves(detected, searched)
-        judging = Judging.prepare(
-            self.context,
-            learning,
-            real=real,
-            held_out=held_out,
-            told=told,
-            prob_higher=prob_higher,
-            searched=searched,
-            first=self.first,
-            budget=budget,
-            earlier=earlier,
-            picture_s=self._picture_s,
-        )
-        estimate, curves = judging.judge(detected, may_be_last, budget, tell_early)
-        if told is None or not told.is_used:
-            estimate = doubted(estimate, how_strange(worlds.keypoints, held_out, detected))
+        curves = learning.curves(detected, searched)
+        learned = Learned(searched, worlds.keypoints, held_out, detected, curves)
+        return learned, self._unfinished["metrics"] | metrics
+
+    def _judge(
+        self, learned: Learned, may_be_last: bool, budget: Budget, callbacks: Callbacks
+    ) -> tuple[Estimate, np.ndarray]:
+        """Fit and judge, where that is possible; doubt. Also returns the (N, C) curves."""
+        by_readings = self._by_readings
+        if self.context.can_fit:
+            given = learned, by_readings, self._earlier, budget, self._picture_s
+            judging = Judging.prepare(self.context, self._learning, *given)
+            estimate, curves = judging.judge(may_be_last, budget, callbacks)
+            self._earlier = judging.earlier
+        else:
+            estimate, curves = judge_by_networks(learned, self.context, self.config.range_update)
+        if by_readings is None or not by_readings.is_used:
+            strange = how_strange(learned.keypoints, learned.held_out, learned.detected)
+            estimate = doubted(estimate, strange)
+        return estimate, curves
+
+    def _move(
+        self, estimate: Estimate, curves: np.ndarray, searched: Distribution
+    ) -> tuple[Estimate, list[Event]]:
+        """Move Ξ, and end the round; returns the estimate with the doubts that this raises."""
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
         is_judged = bool(estimate.ranks)
-        if not self._can_fit:
+        if not self.context.can_fit:
             estimate = doubted_at_edges(estimate, events)
             is_judged = all(event.event != "widened" for event in events)
-        self._earlier = judging.earlier.with_doubts(estimate)
+        self._earlier = self._earlier.with_doubts(estimate)
         widths = half_widths(estimate, self.first)[self._counted]
         # A user reads the verdicts; a policy does not.
         are_identified = all(estimate.verdict[i] == "identified" for i in self._counted)
         self._rounds.end(widths, are_identified or not self.config.for_policy, is_judged)
-        self._learned = None
-        return Round(estimate, events, metrics)
+        self._unfinished = None
+        return estimate, events
 
     def _fit_readings(self, real: list[Trajectory], budget: Budget) -> list[Trajectory]:
         """Fit readings alone; returns trajectories, with actions when they took effect."""
-        if not self._can_fit:
+        if not self.context.can_fit:
             return real
         left = budget.seconds_left
         spare = max(left - self._least_s, _LEAST_READINGS_SHARE * left)
         seconds = left if budget.is_endless else min(_READINGS_SHARE * left, spare)
-        if self._told is None:
+        if self._by_readings is None:
             part = budget.part(seconds, (0.0, 0.1), "readings: ")
-            self._num_told = self._num_told or len(real)
-            self._told = Told.by_readings(self.context, real[-self._num_told :], part)
-        if self._told is None:
+            self._num_read = self._num_read or len(real)
+            first = real[-self._num_read :]
+            self._by_readings = ReadingsEstimate.fitted(self.context, first, part)
+        if self._by_readings is None:
             return real
-        self.distribution = self._told.narrowed(self.distribution)
-        return self._told.on_time(real)
+        self.distribution = self._by_readings.narrowed(self.distribution)
+        return self._by_readings.without_delay(real)
 
     def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
         """The present round's part of the budget, and whether the round may be the last one."""
@@ -215,10 +234,10 @@ class PosteriorSearch:
         return tensors | {"generator": self.model.generator.get_state()}
 
     def state(self) -> dict[str, Any]:
-        rng = (self._learned or {}).get("rng") or self._learning.worlds.rng.bit_generator.state
+        rng = (self._unfinished or {}).get("rng") or self._learning.worlds.rng.bit_generator.state
         changing = {"distribution": self.distribution.state(), "rng": rng}
-        changing |= {"learned": self._learned, "earlier": self._earlier.to_json()}
-        changing["num_told"] = self._num_told
+        changing |= {"unfinished": self._unfinished, "earlier": self._earlier.to_json()}
+        changing["num_read"] = self._num_read
         return self._rounds.state() | changing
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
@@ -228,5 +247,5 @@ class PosteriorSearch:
         self._rounds.load(state)
         self.distribution = self.distribution.with_state(state["distribution"])
         self._learning.worlds.rng.bit_generator.state = state["rng"]
-        self._learned, self._num_told = state["learned"], state["num_told"]
+        self._unfinished, self._num_read = state["unfinished"], state["num_read"]
         self._earlier = Earlier.from_json(state["earlier"])

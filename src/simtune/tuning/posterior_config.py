@@ -25,7 +25,7 @@ class PosteriorSearchConfig:
     for_policy: bool = False  # whether all must be identified, too
     # Whether what learns from it bears any brightness: then colours before a real camera, whose
     # brightness nobody knows, need not be so precise
-    bears_brightness: bool = False
+    tolerates_brightness: bool = False
     detector_updates: tuple[int, ...] = (1000, 2000, 4000)  # at most: first round, later ones
     posterior_updates: int = 500
     no_fit_scale: int = 6  # factor on worlds, updates and time if nothing can be fitted

@@ -28,18 +28,22 @@ from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import at_most_weak
 from simtune.tuning.pace import slow_steps
-from simtune.tuning.readings_fits import FEWEST_STEPS, Found, Horizons, ReadingsFits, unexplained
+from simtune.tuning.readings_fits import (
+    FEWEST_STEPS,
+    BestDescent,
+    Horizons,
+    ReadingsFits,
+    unexplained,
+)
 from simtune.tuning.readings_verdict import conclude
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
+    NO_CALLBACKS,
+    Callbacks,
     Event,
-    Keep,
     Needed,
     Round,
     SearchContext,
-    TellEarly,
-    keep_nothing,
-    tell_nobody,
 )
 
 _UNSEEN = (
@@ -111,8 +115,7 @@ class ReadingsSearch:
         self,
         real: list[Trajectory],
         budget: Budget,
-        tell_early: TellEarly = tell_nobody,
-        keep: Keep = keep_nothing,
+        callbacks: Callbacks = NO_CALLBACKS,
     ) -> Round:
         """Fit, and judge."""
         if not (budget.is_endless or self._derived_s):
@@ -145,7 +148,9 @@ class ReadingsSearch:
         rms = zip(seen.reading_labels, judged.noise, strict=True)
         return Round(estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
 
-    def _find(self, fit: OutputError, readings: Readings, budget: Budget) -> tuple[Found, int]:
+    def _find(
+        self, fit: OutputError, readings: Readings, budget: Budget
+    ) -> tuple[BestDescent, int]:
         """The best of several fits, and the number of steps by which actions are late."""
         space, step_s, seed = self.first.space, self._simulator.step_s, self._context.seed
         begin, (low, high) = fit.prior, (fit.prior.copy(), fit.prior.copy())

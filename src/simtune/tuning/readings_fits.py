@@ -54,7 +54,7 @@ class Horizons:
     most_fits: int = 8  # to whole episodes
 
 
-class Found(NamedTuple):
+class BestDescent(NamedTuple):
     """The best of several descents, and how far others agree."""
 
     best: Descent
@@ -151,7 +151,7 @@ class ReadingsFits:
         lateness = Lateness.shifted(guess.unit[-1], steps)
         return guess._replace(unit=np.append(guess.unit[:-1], lateness))
 
-    def fit_until_two_agree(self, ended: list[Descent], late: int, budget: Budget) -> Found:
+    def fit_until_two_agree(self, ended: list[Descent], late: int, budget: Budget) -> BestDescent:
         """Fit whole episodes from successive starts until the two best agree.
 
         `ended`: descents at the last horizon. If no two fits of whole episodes agree (they may
@@ -184,12 +184,12 @@ class ReadingsFits:
         left = noise < _LITTLE_MORE * declared
         return two_agree(ended) and bool((left & np.isfinite(declared)).all())
 
-    def _found(self, fits: list[Descent], is_whole: bool) -> Found:
+    def _found(self, fits: list[Descent], is_whole: bool) -> BestDescent:
         best = min(fits, key=lambda descent: descent.cost)
         as_good = [descent.unit for descent in fits if descent.cost < best.cost + _CLEARLY_BETTER]
         differences = (as_good - best.unit)[:, self._moving] / 2
         apart = np.take_along_axis(differences, np.abs(differences).argmax(0)[None], 0)[0]
-        return Found(best, apart, two_agree(fits), len(fits), is_whole)
+        return BestDescent(best, apart, two_agree(fits), len(fits), is_whole)
 
     def _start_near(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:
         """A start near the best, with all parameters higher or lower `together`, or at random."""

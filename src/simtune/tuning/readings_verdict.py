@@ -4,28 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from simtune.fit import OutputErrorFit
-from simtune.fit.calibration.uncertainty import (
+from simtune.fit import (
+    OutputErrorFit,
     bound_warnings,
+    correlated_pairs,
     latency_warning,
     lateness_warning,
-    tell_apart,
     too_late_warning,
 )
 from simtune.fit.lateness import is_too_late
 from simtune.fit.readings.replay_cost import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
+from simtune.normal import STDS_90
 from simtune.observation import ObservationModel, declared_noise, joints_of, usual_noise
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
-from simtune.tuning.readings_fits import FAR_MORE, Found
+from simtune.tuning.readings_fits import FAR_MORE, BestDescent
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates
 _UNKNOWN_STD = 1.0  # of parameters that only pictures show
-_CENTRAL = 1.645  # standard deviations to either side hold 90 %
 _SMALL = 1e-4  # in unit coordinates
 _HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
 _UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
@@ -57,7 +57,7 @@ _UNEXPLAINED = (
 
 def conclude(
     judged: OutputErrorFit,
-    found: Found,
+    found: BestDescent,
     first: Distribution,
     observation: ObservationModel,
     late: int,
@@ -84,7 +84,7 @@ def conclude(
         mean=mean,
         verdict=at_most_weak(read.verdict, doubtful),
         correlation=correlation,
-        correlations=tell_apart(correlation, space),
+        correlations=correlated_pairs(correlation, space),
         warnings=[
             *latency_warning(late),
             *lateness_warning("readings", *late_s),
@@ -101,7 +101,7 @@ def conclude(
 
 
 def _errors(
-    judged: OutputErrorFit, found: Found, space: ParameterSpace, observation: ObservationModel
+    judged: OutputErrorFit, found: BestDescent, space: ParameterSpace, observation: ObservationModel
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N,) standard deviations in unit coordinates, and the (N, N) correlation of errors."""
     is_appearance, fitted = space.is_appearance, np.flatnonzero(~space.is_appearance)
@@ -146,7 +146,7 @@ def _along_sums(
         if np.sqrt(value) < _HARDLY_KNOWN:
             continue
         most, change = int(np.abs(combination).argmax()), slope[fitted] * combination
-        own = _CENTRAL * np.sqrt(value) * abs(combination[most])
+        own = STDS_90 * np.sqrt(value) * abs(combination[most])
         for side in (-1, 1):
             end = unit.copy()
             end[fitted[most]] = np.clip(unit[fitted[most]] + side * own, 0, 1)
@@ -154,11 +154,13 @@ def _along_sums(
             end = at.copy()
             end[fitted] += change / change[most] * moved
             gone = (space.to_unit(space.clip(end)) - unit)[fitted]
-            reached = np.maximum(reached, np.abs(gone) / _CENTRAL)
+            reached = np.maximum(reached, np.abs(gone) / STDS_90)
     return reached / std
 
 
-def _warnings(judged: OutputErrorFit, found: Found, observation: ObservationModel) -> list[str]:
+def _warnings(
+    judged: OutputErrorFit, found: BestDescent, observation: ObservationModel
+) -> list[str]:
     warnings = []
     if not found.is_whole:
         warnings.append(_BY_STRETCHES)

@@ -16,21 +16,6 @@ from simtune.tuning.estimate import Estimate
 from simtune.vision.detector import Detections
 from simtune.vision.keypoints import Keypoints
 
-# Receives an estimate before the round knows how far to trust it
-TellEarly = Callable[[Estimate], None]
-
-
-def tell_nobody(early: Estimate) -> None:
-    """A `TellEarly` that does nothing."""
-
-
-# Called within a round, when a checkpoint would save much that was learnt
-Keep = Callable[[], None]
-
-
-def keep_nothing() -> None:
-    """A `Keep` that does nothing."""
-
 
 @dataclass(frozen=True)
 class Event:
@@ -50,6 +35,19 @@ class Needed(NamedTuple):
     whole_s: float
     check_s: float = 0.0  # of what `simtune check` would say
     mostly: str = ""  # what takes most of the smallest one, and what would help
+
+
+@dataclass(frozen=True)
+class Callbacks:
+    """What a round calls before it ends."""
+
+    # With an estimate, as soon as there is one, before the round knows how far to trust it
+    report_early: Callable[[Estimate], None] = lambda early: None
+    # When `state` and `tensors` hold what a restarted round would continue from
+    save: Callable[[], None] = lambda: None
+
+
+NO_CALLBACKS = Callbacks()
 
 
 class Round(NamedTuple):
@@ -72,6 +70,17 @@ class SearchContext:
     # (N,) values of known parameters, NaN for all others; None: no parameter is known
     known: np.ndarray | None = None
     device: str = "cpu"  # of networks
+
+    @property
+    def first(self) -> Distribution:
+        """The range that is searched first."""
+        return Distribution.first(self.simulator.space, self.start)
+
+    @property
+    def can_fit(self) -> bool:
+        """Whether worlds can start in any state, as environments may not, and something moves."""
+        anywhere, keypoints = self.simulator.can_start_anywhere, self.keypoints
+        return anywhere and isinstance(keypoints, Keypoints) and len(keypoints) > 0
 
 
 class Search(Protocol):
@@ -99,14 +108,11 @@ class Search(Protocol):
         self,
         real: list[Trajectory],
         budget: Budget,
-        tell_early: TellEarly = tell_nobody,
-        keep: Keep = keep_nothing,
+        callbacks: Callbacks = NO_CALLBACKS,
     ) -> Round:
         """Simulate in Ξ, train, evaluate the real trajectories, move Ξ: once.
 
-        `budget` is for all rounds to come, and must not be exceeded by much. `tell_early` gets an
-        estimate that is available long before the round ends, if there is one. `keep` is called
-        when `state` and `tensors` hold what a restarted round would continue from.
+        `budget` is for all rounds to come, and must not be exceeded by much.
         """
         ...
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import isotonic_regression
 
+from simtune.normal import MAD_TO_STD
 from simtune.vision.detector import Detections
 
 _SURE = 0.8  # probability of both places together, from which errors are taken as noise
@@ -23,7 +24,6 @@ _BINS, _FEWEST = 8, 40  # of spreads; least number of pictures in each
 _LEAST_PX = 0.05
 _FEWEST_OF_WORLD = 6  # least number of pictures in which a world's keypoint is seen
 _FEWEST_WORLDS = 4  # least number whose mean error is taken off
-_STD_OF_MEDIAN = 1.48  # standard deviation over median size, for normal errors
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,11 @@ def _common(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for keypoint in np.flatnonzero(enough.any(0)):
         of_keypoint = errors[enough[:, keypoint], :, keypoint]  # (e, K, 2)
         middles = np.nanmedian(of_keypoint, 1)  # (e, 2)
-        spread = _STD_OF_MEDIAN * np.nanmedian(np.abs(of_keypoint - middles[:, None]), 1)
+        spread = MAD_TO_STD * np.nanmedian(np.abs(of_keypoint - middles[:, None]), 1)
         chance = np.pi / 2 * np.square(spread) / count[enough[:, keypoint], keypoint]
         if len(middles) >= _FEWEST_WORLDS:
             offset[keypoint] = np.median(middles, 0)
-        found = np.square(_STD_OF_MEDIAN * np.median(np.abs(middles - offset[keypoint]), 0))
+        found = np.square(MAD_TO_STD * np.median(np.abs(middles - offset[keypoint]), 0))
         common[keypoint] = np.sqrt(np.maximum(found - np.median(chance, 0), 0))
     return offset, common
 
@@ -102,4 +102,4 @@ def _curve(spread: np.ndarray, errors: np.ndarray, bins: int) -> tuple[np.ndarra
     order = np.argsort(spread, axis=None)
     parts = [np.array_split(values.ravel()[order], bins) for values in (spread, errors)]
     middles, stds = ([np.median(part) for part in values] for values in parts)
-    return np.array(middles), isotonic_regression(_STD_OF_MEDIAN * np.array(stds) + _LEAST_PX).x
+    return np.array(middles), isotonic_regression(MAD_TO_STD * np.array(stds) + _LEAST_PX).x

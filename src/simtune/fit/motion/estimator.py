@@ -8,6 +8,7 @@ from torch.nn import functional as F
 from simtune.fit.observed import Observed
 from simtune.networks.layers import seeded
 from simtune.networks.training import TrainingClock, train_network
+from simtune.normal import MAD_TO_STD
 from simtune.simulation.states import StateSpace
 
 _CHANNELS = 96
@@ -68,7 +69,7 @@ class StateEstimator:
         kept = slice(num_trained, None)
         if num_trained < len(states):
             errors = np.abs(space.difference(estimator(observed.episodes(kept)), states[kept]))
-            estimator.prior_std = 1.48 * np.median(errors, (0, 1)) + 1e-4
+            estimator.prior_std = MAD_TO_STD * np.median(errors, (0, 1)) + 1e-4
         return estimator
 
     def __call__(self, observed: Observed) -> np.ndarray:

@@ -31,7 +31,7 @@ class LinearizationPoint:
     common: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
-class Slopes(NamedTuple):
+class WindowSlopes(NamedTuple):
     """Predictions of W windows at a point, and their derivatives."""
 
     predicted: np.ndarray  # (W, K, D)
@@ -92,7 +92,7 @@ class WindowPlayer:
             predicted = self._lateness.seen(predicted, units[:, -1:])
         return full_states, predicted
 
-    def differentiate(self, windows: Windows, point: LinearizationPoint) -> Slopes:
+    def differentiate(self, windows: Windows, point: LinearizationPoint) -> WindowSlopes:
         """Predictions at the point, and their derivatives, in the unknowns' units.
 
         Contacts make the motion rough: slopes across a small step are huge and random, and a fit
@@ -114,12 +114,12 @@ class WindowPlayer:
         by_state = change[:, :num_states] / self._delta[:, None, None]
         rise, fall = np.split(change[:, num_states:], 2, axis=1)
         by_parameter = (rise - fall) / (above - below)[:, None, None]
-        return Slopes(predicted[0], by_state, by_parameter)
+        return WindowSlopes(predicted[0], by_state, by_parameter)
 
     def linearize(
         self,
         windows: Windows,
-        slopes: Slopes,
+        slopes: WindowSlopes,
         pull: np.ndarray,
         prior: np.ndarray,
         blur: float,

@@ -11,8 +11,8 @@ from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.linearization import (
     LinearizationPoint,
     NormalEquations,
-    Slopes,
     WindowPlayer,
+    WindowSlopes,
     diagonal,
     ridged,
 )
@@ -70,7 +70,7 @@ class ShootingStep:
         self,
         windows: Windows,
         point: LinearizationPoint,
-        slopes: Slopes,
+        slopes: WindowSlopes,
         share: float,
         blur: float,
     ) -> Stepped:

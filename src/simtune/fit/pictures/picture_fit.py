@@ -18,7 +18,8 @@ from simtune.fit.pictures.response import (
     ResponseStep,
     step_by_known_colours,
 )
-from simtune.fit.pictures.scene import SHOWN, PictureScene, Slopes
+from simtune.fit.pictures.scene import SHOWN, PictureScene, PixelSlopes
+from simtune.normal import MAD_TO_STD
 from simtune.simulation import Simulator
 from simtune.vision.image_noise import ImageNoise
 
@@ -99,7 +100,7 @@ class _Fit:
         is_real, states = self._camera is not None, pictures.full_states
         parameters = simulator.space.from_unit(unit)
         self._scene = PictureScene(simulator, states, shown, pictures.poses, is_real, parameters)
-        self._slopes = Slopes.none(len(states))
+        self._slopes = PixelSlopes.none(len(states))
         self._frames = pictures.frames.astype(np.float32) / 255
         self._real = self._scene.compared(self._frames)
         self._variance, self._covariance = FIRST_VARIANCE, np.zeros((len(self._fitted),) * 2)
@@ -180,7 +181,7 @@ def _without_poses(
 
 
 def exposed(
-    log_exposure: np.ndarray, slopes: Slopes, weight: np.ndarray, residual: np.ndarray
+    log_exposure: np.ndarray, slopes: PixelSlopes, weight: np.ndarray, residual: np.ndarray
 ) -> np.ndarray:
     """(M, C) logarithms of exposures after a Gauss-Newton step; (M, pixels) weights and residuals.
 
@@ -245,5 +246,5 @@ def _noises(residual: np.ndarray, shown: np.ndarray, at_least: float) -> np.ndar
     For each parameter separately: a good fit of the ground says nothing about a thin pole.
     """
     sizes = [np.abs(residual[where]) for where in shown]
-    own = [1.48 * float(np.median(size)) if len(size) else 0.0 for size in sizes]
+    own = [MAD_TO_STD * float(np.median(size)) if len(size) else 0.0 for size in sizes]
     return np.maximum(own, at_least)

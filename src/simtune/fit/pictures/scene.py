@@ -17,7 +17,7 @@ _MARGIN_PX = 1
 _LARGEST_MOVE = 4.0  # of a pose, in standard deviations
 
 
-class Slopes(NamedTuple):
+class PixelSlopes(NamedTuple):
     """Derivatives of pixels, of the full scale."""
 
     shown: np.ndarray  # (V, M, pixels) by each parameter's unit coordinate
@@ -26,7 +26,7 @@ class Slopes(NamedTuple):
     pose: np.ndarray  # (D, M, pixels) by each standard deviation of a pose
 
     @classmethod
-    def none(cls, num: int) -> "Slopes":
+    def none(cls, num: int) -> "PixelSlopes":
         nothing = np.zeros((0, num, 0), np.float32)
         return cls(nothing, nothing, nothing, nothing)
 
@@ -100,7 +100,7 @@ class PictureScene:
         is_white = (self._rendered >= _WHITE).reshape(num, -1)
         return is_white & (frames.reshape(num, -1) >= white.reshape(num, -1) - noise)
 
-    def derive(self, unit: np.ndarray, drawn: np.ndarray) -> Slopes:
+    def derive(self, unit: np.ndarray, drawn: np.ndarray) -> PixelSlopes:
         """Derivatives at the (M, pixels) that `draw` drew last, with (N,) parameters."""
         slopes = np.empty((len(self._shown), *drawn.shape), np.float32)
         for i, shown in enumerate(self._shown):
@@ -114,7 +114,7 @@ class PictureScene:
         of_chroma, of_response = self._derive_cameras(drawn)
         # Only where a fitted parameter shows: other colours of the model may be wrong.
         of_chroma *= (np.abs(slopes) > SHOWN).any(0)
-        return Slopes(slopes, of_chroma, of_response, of_pose)
+        return PixelSlopes(slopes, of_chroma, of_response, of_pose)
 
     def _derive_cameras(self, like: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(C, M, pixels) and (5 C, M, pixels) derivatives; none if no camera is real."""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.readings.open_loop import OpenLoop
-from simtune.fit.readings.slopes import Groups, Slopes, agreed
+from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
 from simtune.fit.readings.stretches import Stretches
 
 _UNIT_DELTA = 5e-3
@@ -21,7 +21,7 @@ class Where(NamedTuple):
     start_std: np.ndarray  # (S,) prior std of an initial state: the units of its unknowns
 
 
-def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> Slopes:
+def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> StretchSlopes:
     """Derivatives by each parameter and initial state, by central differences.
 
     One-sided differences would seem to separate parameters with the same effect, such as a servo's
@@ -37,10 +37,10 @@ def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> Slop
     there[:twice] = agreed(there[:twice], others)
     slopes = (there / delta[:, None, None, None]).swapaxes(0, 1)
     num = len(loop.fitted)
-    return Slopes(here, slopes[:, :num], slopes[:, num:])
+    return StretchSlopes(here, slopes[:, :num], slopes[:, num:])
 
 
-def refresh(loop: OpenLoop, where: Where, slopes: Slopes, groups: Groups) -> Slopes:
+def refresh(loop: OpenLoop, where: Where, slopes: StretchSlopes, groups: Groups) -> StretchSlopes:
     """Update derivatives with few worlds: only each reading's main derivative in every group.
 
     The others keep their values from a point near by. One-sided where nothing can touch.
@@ -61,7 +61,7 @@ def refresh(loop: OpenLoop, where: Where, slopes: Slopes, groups: Groups) -> Slo
     changed = there[number] / delta[anew, None, None, None]
     derived[anew] = np.where(is_main[anew, None, None], changed, derived[anew])
     new = derived.swapaxes(0, 1)
-    return Slopes(here, new[:, :num], new[:, num:])
+    return StretchSlopes(here, new[:, :num], new[:, num:])
 
 
 def _deltas(loop: OpenLoop, unit: np.ndarray) -> np.ndarray:

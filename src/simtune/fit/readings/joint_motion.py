@@ -16,6 +16,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.readings.open_loop import OpenLoop
 from simtune.fit.readings.stretches import Readings, filled, parabolas
 from simtune.fit.readings.whole_episodes import begin_whole
+from simtune.normal import MAD_TO_STD
 from simtune.observation import AllEvidence, JointReadings
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints
@@ -82,12 +83,12 @@ def smoothed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     calm, calm_rate = (parabolas(values, _CALM, order) for order in (0, 1))
     quick, quick_rate = (parabolas(values, _QUICK, order) for order in (0, 1))
     missed = np.abs(values - calm)
-    noise = 1.48 * np.median(missed, (0, 1))
+    noise = MAD_TO_STD * np.median(missed, (0, 1))
     is_quick = maximum_filter1d((missed > _CLEARLY * noise).astype(int), _CALM, axis=1) > 0
     return np.where(is_quick, quick, calm), np.where(is_quick, quick_rate, calm_rate)
 
 
-def of_unknowns(
+def keep_moved_keypoints(
     observed: Observed,
     physics: Physics,
     states: np.ndarray,

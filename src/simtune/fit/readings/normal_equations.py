@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from simtune.fit.readings.residuals import HUBER
-from simtune.fit.readings.slopes import Slopes
+from simtune.fit.readings.slopes import StretchSlopes
 
 _RIDGE = 1e-9  # of information
 
@@ -27,7 +27,9 @@ class NormalEquations(NamedTuple):
         return float(of_shared + (self.gradient * own).sum()) / 2
 
 
-def by_shared(slopes: Slopes, finds_offset: np.ndarray, starts_by_shared: np.ndarray) -> np.ndarray:
+def by_shared(
+    slopes: StretchSlopes, finds_offset: np.ndarray, starts_by_shared: np.ndarray
+) -> np.ndarray:
     """(W, P + offsets, K + 1, D) derivatives of residuals by parameters and offsets, A_(θ, b).
 
     An offset shifts predictions. Initial states x̄(θ, b) that readings give follow an offset and a

@@ -29,7 +29,7 @@ from simtune.fit.readings.normal_equations import NormalEquations, jackknife, ja
 from simtune.fit.readings.open_loop import OpenLoop
 from simtune.fit.readings.replay_cost import Guess, Point, ReplayCost
 from simtune.fit.readings.residuals import correlation_times, spread
-from simtune.fit.readings.slopes import Groups, Slopes
+from simtune.fit.readings.slopes import Groups, StretchSlopes
 from simtune.fit.readings.stretches import Readings
 
 _FIRST_DAMPING = 1e-2
@@ -54,7 +54,7 @@ class Descent:
     objective: ReplayCost
     point: Point
     noise: np.ndarray  # (D,) root mean square of the residuals
-    slopes: Slopes | None = None
+    slopes: StretchSlopes | None = None
 
     @property
     def unit(self) -> np.ndarray:
@@ -159,7 +159,7 @@ class OutputError:
         ended = self._go_on(further, _MORE_ITERATIONS, more)
         return self._conclude(ended, differentiate(self._loop, ended.objective.where(ended.point)))
 
-    def _conclude(self, ended: Descent, slopes: Slopes) -> OutputErrorFit:
+    def _conclude(self, ended: Descent, slopes: StretchSlopes) -> OutputErrorFit:
         """Estimate with its covariance, each residual counting as 1/τ of a measurement."""
         objective, point, num = ended.objective, ended.point, len(self._loop.fitted)
         residuals = objective.residuals(point, slopes.predicted)
@@ -187,7 +187,7 @@ class OutputError:
 
 
 def _scatter(
-    ended: Descent, slopes: Slopes, noise: np.ndarray, equations: NormalEquations
+    ended: Descent, slopes: StretchSlopes, noise: np.ndarray, equations: NormalEquations
 ) -> np.ndarray:
     """(P + offsets,) standard deviations by leaving out stretches, or parts of a single one."""
     objective, point = ended.objective, ended.point

@@ -12,7 +12,7 @@ from simtune.fit.readings.differences import Where
 from simtune.fit.readings.normal_equations import NormalEquations, by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoop
 from simtune.fit.readings.residuals import HUBER
-from simtune.fit.readings.slopes import Slopes
+from simtune.fit.readings.slopes import StretchSlopes
 from simtune.fit.readings.stretches import Stretches
 
 PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
@@ -86,7 +86,7 @@ class ReplayCost:
     def equations(
         self,
         point: Point,
-        slopes: Slopes,
+        slopes: StretchSlopes,
         noise: np.ndarray,
         left_out: np.ndarray | Sequence[int] = (),
     ) -> NormalEquations:

@@ -12,7 +12,7 @@ _LITTLE = {"start": 3.0, "parameter": 0.01}
 _SMOOTH_STEPS = 11  # over which the agreement of two changes is averaged
 
 
-class Slopes(NamedTuple):
+class StretchSlopes(NamedTuple):
     """Predictions of W stretches, and their derivatives."""
 
     predicted: np.ndarray  # (W, K + 1, D)
@@ -34,7 +34,7 @@ class Groups:
     owner: np.ndarray  # (G, D) the unknown of a group that each reading depends on most
 
     @classmethod
-    def of(cls, slopes: Slopes, noise: np.ndarray) -> "Groups":
+    def of(cls, slopes: StretchSlopes, noise: np.ndarray) -> "Groups":
         """From derivatives by each single unknown; `noise`: (D,) of readings."""
         derived = np.concatenate([slopes.by_parameter, slopes.by_start], 1)
         effect = np.sqrt(np.square(derived).mean((0, 2))) / noise  # (U, D)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.checking.servos import Episodes, Servo, delay_of, delayed_by, predict
+from simtune.checking.servos.fit import Episodes, Servo, delay_of, delayed_by, predict
 
 _MOVED = 0.05  # of what is commanded: a joint that moves less stands still
 _STUCK_S = 0.7  # with exactly the same reading

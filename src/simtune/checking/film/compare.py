@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from simtune.checking.features import describe, likeness, moving_share
-from simtune.checking.framing import AS_IT_IS, FRAMINGS, Framing
-from simtune.checking.library import Library, brought_to_size
+from simtune.checking.film.features import describe, likeness, moving_share
+from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, Framing
+from simtune.checking.film.library import Library, brought_to_size
 
 _JUDGED = (10, 6)  # worlds, and pictures of each, that are judged as if they were films
 _ALIKE = 0.6  # least similarity, relative to that among the simulator's worlds

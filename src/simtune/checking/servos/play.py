@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.checking.servos import Episodes, Servo, predict
+from simtune.checking.servos.fit import Episodes, Servo, predict
 
 _WIDTHS, _FINER, _TIMES = 8, 3, 3  # of a first grid, and of finer ones around the best
 _SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the lag's delay, that are tried

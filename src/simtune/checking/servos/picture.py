@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from simtune.checking.servo_table import small
-from simtune.checking.servos import Servo
+from simtune.checking.servos.fit import Servo
+from simtune.checking.servos.table import small
 
 _COLUMNS, _MOST = 2, 16  # joints side by side, and in all
 _WIDTH_IN, _ROW_IN, _MARGIN_IN = 11.0, 1.9, 0.9

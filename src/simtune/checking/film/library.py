@@ -6,7 +6,7 @@ import numpy as np
 
 from simtune.cameras.pictures import resize
 from simtune.cameras.views import apart
-from simtune.checking.features import SIZE, Features, describe
+from simtune.checking.film.features import SIZE, Features, describe
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 

@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 
 from simtune.cameras.pictures import resize
 from simtune.cameras.views import View
-from simtune.checking.features import outlines
-from simtune.checking.film import Comparison
-from simtune.checking.library import Library
+from simtune.checking.film.compare import Comparison
+from simtune.checking.film.features import outlines
+from simtune.checking.film.library import Library
 from simtune.tasks import Task
 
 _HEIGHT_PX = 192  # least height of the pictures

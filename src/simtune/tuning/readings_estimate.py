@@ -16,8 +16,8 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import FitConfig, JointMotion, OpenLoop, PointEstimate
-from simtune.fit.calibration.uncertainty import tell_apart
+from simtune.fit import FitConfig, JointMotion, OpenLoop, PointEstimate, correlated_pairs
+from simtune.normal import STDS_90
 from simtune.observation import advanced, finds_offset, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
@@ -36,10 +36,9 @@ _NO_SAY = "Joint readings alone had no say in the estimates: "
 # Standard deviations between means from which two estimates contradict each other. That their
 # intervals do not meet says less: a wide one misses the truth once in ten times.
 _CONTRADICTS = 3.0
-_CENTRAL = 2 * 1.645  # width of a 90 % interval in standard deviations
 
 
-class Told:
+class ReadingsEstimate:
     """An estimate from readings, and which of its parameters are held."""
 
     def __init__(
@@ -58,15 +57,15 @@ class Told:
         # Whether the readings have a say, as in how late actions are
         self.is_used = is_trusted or (joints is not None and is_in_time)
         enough = ("identified",) if joints is None else ("identified", "weak")
-        is_told = np.array([verdict in enough for verdict in estimate.verdict])
-        self.is_held = is_told & self.is_used  # (N,)
+        is_known = np.array([verdict in enough for verdict in estimate.verdict])
+        self.is_held = is_known & self.is_used  # (N,)
         self.latency_steps = estimate.latency_steps if self.is_used else 0
         self.late_s = estimate.readings_late_s if self.is_used else (0.0, 0.0)  # with std
 
     @classmethod
-    def by_readings(
+    def fitted(
         cls, context: SearchContext, real: list[Trajectory], budget: Budget
-    ) -> "Told | None":
+    ) -> "ReadingsEstimate | None":
         """None if nothing is read, or nothing moves that readings could show.
 
         Also None if unmeasured joints begin anywhere, such as a walker's torso, or if the `budget`
@@ -90,7 +89,7 @@ class Told:
         found = estimate, search.distribution, search.is_trusted
         return cls(*found, joints, search.is_in_time)
 
-    def fitting(self, config: FitConfig) -> FitConfig:
+    def fit_config(self, config: FitConfig) -> FitConfig:
         """How to fit what readings leave open."""
         config = replace(config, held=tuple(np.flatnonzero(self.is_held).tolist()))
         if self.joints is None:
@@ -103,7 +102,7 @@ class Told:
         high = np.where(self.is_held, self._range.high, searched.high)
         return searched.with_interval(np.clip(searched.mean, low, high), low, high)
 
-    def on_time(self, real: list[Trajectory]) -> list[Trajectory]:
+    def without_delay(self, real: list[Trajectory]) -> list[Trajectory]:
         """The trajectories with actions shifted to when they took effect, and readings likewise."""
         steps, late_s = self.latency_steps, self.late_s[0]
         if not steps and not late_s:
@@ -126,7 +125,7 @@ class Told:
             np.where(self.is_held, std, guess.std),
         )
 
-    def better(self, estimate: Estimate) -> Estimate:
+    def combined_with(self, estimate: Estimate) -> Estimate:
         """Each parameter from the estimate of readings and video, or from this one if narrower.
 
         Where one is this, with its warnings and the offsets that belong to it. Where the two
@@ -134,38 +133,38 @@ class Told:
         """
         space, told = self._range.space, self._estimate
         std, of_both = _std(told, space), _std(estimate, space)
-        is_told = ~space.is_appearance & self.is_used
-        own = (std <= of_both) & is_told
+        is_comparable = ~space.is_appearance & self.is_used
+        own = (std <= of_both) & is_comparable
         distance = np.abs(space.to_unit(told.mean) - space.to_unit(estimate.mean))
-        apart = is_told & (distance > _CONTRADICTS * np.hypot(std, of_both))
-        mixed = _covering(apart, _mixed(own, told, estimate), told, estimate, space.names)
+        apart = is_comparable & (distance > _CONTRADICTS * np.hypot(std, of_both))
+        merged = _covering_both(apart, _merged(own, told, estimate), told, estimate, space.names)
         doubts = told.warnings
         if not own.any():
-            doubts = [_NO_SAY + w for w in doubts if not self.is_used and w not in mixed.warnings]
-        together = {} if mixed.correlation is None else tell_apart(mixed.correlation, space)
+            doubts = [_NO_SAY + w for w in doubts if not self.is_used and w not in merged.warnings]
+        together = {} if merged.correlation is None else correlated_pairs(merged.correlation, space)
         late = estimate.latency_steps + self.latency_steps
         return replace(
-            mixed,
+            merged,
             correlations=together,
             latency_steps=late,
             readings_late_s=self.late_s,
             offsets=told.offsets if own.any() else estimate.offsets,
-            warnings=list(dict.fromkeys([*doubts, *mixed.warnings])),
+            warnings=list(dict.fromkeys([*doubts, *merged.warnings])),
         )
 
 
 def _std(estimate: Estimate, space: ParameterSpace) -> np.ndarray:
     """(N,) standard deviations in unit coordinates, if an interval is a normal distribution's."""
-    return (space.to_unit(estimate.high) - space.to_unit(estimate.low)) / _CENTRAL
+    return (space.to_unit(estimate.high) - space.to_unit(estimate.low)) / (2 * STDS_90)
 
 
-def _covering(
-    apart: np.ndarray, mixed: Estimate, told: Estimate, other: Estimate, names: Sequence[str]
+def _covering_both(
+    apart: np.ndarray, merged: Estimate, told: Estimate, other: Estimate, names: Sequence[str]
 ) -> Estimate:
-    """`mixed`, with both intervals and both curves of parameters that are `apart`, (N,) bool."""
+    """`merged`, with both intervals and both curves of parameters that are `apart`, (N,) bool."""
     if not apart.any():
-        return mixed
-    curves, warnings = dict(mixed.curves), list(mixed.warnings)
+        return merged
+    curves, warnings = dict(merged.curves), list(merged.warnings)
     for i in np.flatnonzero(apart).tolist():
         (one, above), (another, below) = told.curves[names[i]], other.curves[names[i]]
         at = np.union1d(one, another)
@@ -173,16 +172,16 @@ def _covering(
         ends = (e for estimate in (told, other) for e in (estimate.low[i], estimate.high[i]))
         warnings.append(_CONTRADICTION.format(names[i], *ends))
     return replace(
-        mixed,
-        low=np.where(apart, np.minimum(told.low, other.low), mixed.low),
-        high=np.where(apart, np.maximum(told.high, other.high), mixed.high),
-        verdict=at_most_weak(mixed.verdict, apart),
+        merged,
+        low=np.where(apart, np.minimum(told.low, other.low), merged.low),
+        high=np.where(apart, np.maximum(told.high, other.high), merged.high),
+        verdict=at_most_weak(merged.verdict, apart),
         curves=curves,
         warnings=warnings,
     )
 
 
-def _mixed(own: np.ndarray, fit: Estimate, other: Estimate) -> Estimate:
+def _merged(own: np.ndarray, fit: Estimate, other: Estimate) -> Estimate:
     """`fit` for the parameters `own`, (N,) bool; `other` for the rest."""
     curves = {
         name: fit.curves[name] if mine else curve

@@ -1,0 +1,96 @@
+"""Whether a fit explains the videos as well as refits explain those of known worlds."""
+
+from typing import Any
+
+import numpy as np
+
+from simtune.fit.calibration.bootstrap import Bootstrap
+from simtune.fit.fit_warnings import latency_warning, lateness_warning, too_late_warning
+from simtune.fit.result import FitResult
+
+# Ratio to the worst refit's misfit; with few refits their worst is not very large yet.
+_DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
+_GO_ON = "Give it more minutes: the same command with a larger budget goes on from here."
+_HARDLY_JUDGED = (
+    "A single known world was fitted for comparison, so intervals lean on how far fits usually "
+    f"are off. {_GO_ON}"
+)
+_NOT_JUDGED = (
+    "There was no time to fit a known world for comparison, so nothing tells how far what videos "
+    f"say can be trusted: none of it is called identified. {_GO_ON}"
+)
+_NOTHING_FOUND = (
+    "In the known worlds fitted for comparison nothing that moves is found for sure, so how well "
+    "the simulator moves as the videos do cannot be tested: none of it is called identified. Film "
+    "what moves larger."
+)
+
+
+def has_comparison(bootstrap: Bootstrap) -> bool:
+    """Whether known worlds tell how far off the motion of a right simulator is."""
+    return any(np.isfinite(known.motion).any() for known in bootstrap.misfits)
+
+
+def is_motion_unexplained(fit: FitResult, bootstrap: Bootstrap) -> bool:
+    """Whether the motion misfit is far larger than in refits, where the simulator is right."""
+    if not bootstrap.misfits:
+        return False
+    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / len(bootstrap.misfits)
+    return bool(max(bootstrap.motion_ratios(fit.misfit)) > limit)
+
+
+def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
+    """Warnings for users who rely on the estimates."""
+    if not bootstrap.misfits:
+        return [_NOT_JUDGED, *_late(fit)]
+    if not has_comparison(bootstrap):
+        return [_NOTHING_FOUND, *_late(fit)]
+    warnings, num = [], len(bootstrap.misfits)
+    if num == 1:
+        warnings.append(_HARDLY_JUDGED)
+    if is_motion_unexplained(fit, bootstrap):
+        ratios = bootstrap.motion_ratios(fit.misfit)
+        ratio, worst = max(ratios), int(np.argmax(ratios))
+        (name, unit), distance = fit.sensors[worst], fit.misfit.motion[worst]
+        found = (
+            f"{name} are {distance:.2f} {unit} off, {ratio:.1f} times as far as"
+            if np.isfinite(ratio)
+            else "nothing that moves is found for sure, as it is"
+        )
+        warnings.append(
+            "No setting of the parameters makes the simulator move as the videos do: where that "
+            f"was tested {found} in worlds that the simulator can make. Something that "
+            "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
+            "before it is found."
+        )
+    return warnings + _late(fit)
+
+
+def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
+    """How well the fit explains the held-out episode; JSON.
+
+    "episode" counts from 1; None: too few episodes. "passed": by `is_motion_unexplained`; None:
+    nothing to compare with. Each sensor's "distance" is the fit's, next to those of known worlds.
+    """
+    known = [misfit.motion for misfit in bootstrap.misfits]
+    passed = not is_motion_unexplained(fit, bootstrap) if has_comparison(bootstrap) else None
+    real, *others = ([_or_none(d) for d in motion] for motion in (fit.misfit.motion, *known))
+    sensors = {
+        name: {"unit": unit, "distance": real[i], "known_worlds": [world[i] for world in others]}
+        for i, (name, unit) in enumerate(fit.sensors)
+    }
+    episode = None if fit.held_out is None else fit.held_out + 1
+    return {"episode": episode, "passed": passed, "sensors": sensors}
+
+
+def _or_none(distance: float) -> float | None:
+    """JSON has no NaN."""
+    return float(distance) if np.isfinite(distance) else None
+
+
+def _late(fit: FitResult) -> list[str]:
+    """Warnings of a latency of actions, and of late pictures where that is clear."""
+    late = lateness_warning("pictures", *fit.late_s)
+    if fit.is_too_late:
+        late = [too_late_warning("Pictures", fit.late_s[0])]
+    return latency_warning(fit.latency_steps) + late
