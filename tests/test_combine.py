@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simtune.fit.combine import COMMON_STD, FIRST_VARIANCE, Combined, combine
+from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tasks import load_task
@@ -99,6 +100,23 @@ def test_single_experiment_is_no_surer_than_it_claims():
     information, slope = np.full((60, 1, 1), 1 / claimed), np.full((60, 1), 1e-6)
     covariance = combine(information, slope, FIRST_VARIANCE, np.ones(60)).covariance
     assert covariance[0, 0] < 0.1 * claimed / 60
+
+
+@pytest.mark.parametrize("num_parameters", [1, 2, 4])
+@pytest.mark.parametrize("num", [20, 90])
+def test_nine_of_ten_intervals_hold_however_many_parameters_and_experiments(num_parameters, num):
+    """Exactly normal experiments, and the variance between them unknown."""
+    rng, own, between, off = np.random.default_rng(0), 0.005, 0.02, []
+    information = np.tile(np.eye(num_parameters) / own**2, (num, 1, 1))
+    for _ in range(200):
+        estimates = np.hypot(own, between) * rng.normal(size=(num, num_parameters))
+        point, variance = np.zeros(num_parameters), FIRST_VARIANCE
+        for _ in range(12):
+            combined = combine(information, (point - estimates) / own**2, variance, np.ones(num))
+            point = point - np.linalg.solve(combined.information, combined.slope)
+            variance = combined.variance
+        off.append(point / np.sqrt(np.diag(combined.covariance)))
+    assert 0.86 <= np.mean(np.abs(off) < STDS_90) <= 0.95
 
 
 @pytest.mark.parametrize("informative", [1, 2, 5])

@@ -11,6 +11,7 @@ from simtune.fit.motion.linearization import LinearizationPoint, WindowPlayer
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.motion.shooting_config import Spans
 from simtune.fit.motion.windows import Windows
+from simtune.fit.physics import _NOTHING_LIKE_IT
 from simtune.fit.replay_fit import ReplayFit
 from simtune.observation import AllEvidence
 from simtune.tasks import load_task
@@ -31,11 +32,20 @@ class RoughPhysics:
         return np.zeros((len(states), 2, 1)), np.tile(predicted[:, None, None], (1, 2, 1))
 
 
-def slopes_at(unit: float):
+class DivergingPhysics(RoughPhysics):
+    """The second of three windows diverges in every world of a larger parameter."""
+
+    def play(self, states, units, actions, actuator_states, predictions_per_step):
+        full_states, predicted = super().play(states, units, actions, actuator_states, 1)
+        diverged = (np.arange(len(states)) % 3 == 1) & (units[:, 0] > 0.5)
+        return full_states, np.where(diverged[:, None, None], _NOTHING_LIKE_IT, predicted)
+
+
+def slopes_at(unit: float, physics: type = RoughPhysics):
     states = np.array([[0.1, 0.0], [0.2, 0.0], [0.31, 0.0]])
     none = np.zeros((3, 1))
     windows = Windows(AllEvidence(()), none[:, None], states, none, np.zeros(3), np.zeros(3))
-    player = WindowPlayer(RoughPhysics(), np.full(2, 1.0), np.array([0]), Spans())  # pyright: ignore
+    player = WindowPlayer(physics(), np.full(2, 1.0), np.array([0]), Spans())  # pyright: ignore
     point = LinearizationPoint(states, np.array([unit]), np.zeros(3), 0.02**2)
     return player.differentiate(windows, point)
 
@@ -48,6 +58,12 @@ def test_slopes_are_no_steeper_than_what_they_cross_in_between_and_at_bounds(uni
     np.testing.assert_allclose(slopes.by_parameter, SLOPE, atol=2 * ROUGHNESS / 0.01)
     np.testing.assert_allclose(slopes.by_state[:, 0], 1.0, atol=2 * ROUGHNESS / 0.03)
     np.testing.assert_array_equal(slopes.by_state[:, 1], 0.0)
+
+
+def test_a_window_that_diverges_beside_the_point_says_nothing_of_the_parameter():
+    slopes = slopes_at(0.5, DivergingPhysics).by_parameter[:, 0, :, 0]
+    np.testing.assert_array_equal(slopes[1], 0.0)
+    np.testing.assert_allclose(slopes[[0, 2]], SLOPE, atol=2 * ROUGHNESS / 0.01)
 
 
 class Contraction:

@@ -14,7 +14,9 @@ _STUDENT = 4.0  # degrees of freedom of the Student weights that reduce outliers
 _SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
 FIRST_VARIANCE = 0.02**2
 _VARIANCE_STEP, _FEWEST_INFORMATIVE = 1.5, 4  # factor of an update; experiments it needs
-_CHI2_MEDIAN = 0.6  # approximate median of χ² / degrees of freedom, for few of them
+_CHI2_MEDIAN = 0.6  # approximate median of χ² / degrees of freedom, for a few of them
+_CHI2_MEDIAN_OF_ONE = 0.455
+_SOFTEST = 0.3  # least m of `combine`: outliers alone would make it 0
 _CLAIM = 2.0  # experiments that the claimed variance counts like, beside the scatter
 COMMON_STD = 0.1  # prior standard deviation of common errors, in their own scaled coordinates
 _NOTHING = np.zeros(0)
@@ -85,7 +87,11 @@ def combine(
 
         information = Σ_w c_w I_w (1 + τ² I_w)⁻¹      slope = Σ_w c_w (1 + τ² I_w)⁻ᵀ g_w
 
-    The covariance is the sandwich estimator, from the experiments' scatter (White 1980). Few hardly
+    The covariance is the sandwich estimator A⁻¹ B A⁻¹ (Huber 1967), with the experiments' scatter
+    B and with A the derivative of the sum of slopes. That is less than the information, since
+    Student's weights fall as an estimate moves away: A = m information, where m averages
+    1 − (2 / P) d_w / (ν + d_w) over experiments by what they tell; d_w is the squared distance per
+    parameter, ν the degrees of freedom (Huber 1981, ch. 7, uses such a mean as well). Few hardly
     scatter, so what they claim, with τ², is added: `_corrections`, by how many experiments inform
     about each parameter. The variance returned is τ² after a step towards what they show.
 
@@ -114,15 +120,24 @@ def combine(
     found = num + len(common) - (prior * np.diag(inverse)).sum()
     shares = np.einsum("pq,wqr,rp->wp", inverse, weighted, inverse, optimize=True)
     few, claim = _corrections(shares, found)
-    covariance = few * (inverse @ (deviations.T @ deviations) @ inverse)
+    scatter = inverse @ (deviations.T @ deviations) @ inverse
+    covariance = few * scatter / _softness(surprise, weighted[:, :num, :num]) ** 2
     covariance += claim * (inverse @ by_data @ inverse)
     covariance += inverse @ np.diag(prior + _RIDGE) @ inverse
     informative = np.trace(information[:, :num, :num], axis1=1, axis2=2) * variance > 1
     if informative.sum() >= _FEWEST_INFORMATIVE:
-        too_small = np.median(surprise[informative]) > _CHI2_MEDIAN
+        usual = _CHI2_MEDIAN if num > 1 else _CHI2_MEDIAN_OF_ONE
+        too_small = np.median(surprise[informative]) > usual
         variance *= _VARIANCE_STEP if too_small else 1 / _VARIANCE_STEP
     variance = float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
     return Combined(total, whole, covariance[:num, :num], variance)
+
+
+def _softness(surprise: np.ndarray, weighted: np.ndarray) -> float:
+    """m of `combine`, of (W,) distances and (W, P, P) weighted information."""
+    by_data = np.trace(weighted, axis1=1, axis2=2)
+    bend = 1 - 2 / weighted.shape[-1] * surprise / (_STUDENT + surprise)
+    return max(_SOFTEST, float(bend @ by_data) / max(by_data.sum(), 1e-300))
 
 
 def _corrections(shares: np.ndarray, found: float) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,11 @@ from simtune.simulation.states import StateSpace
 _NOTHING_LIKE_IT = -1e3  # what a diverged world predicts, in any unit
 
 
+def is_lost(predicted: np.ndarray) -> np.ndarray:
+    """(...) bool of (..., K, D) predictions: whether the world diverged within the K steps."""
+    return np.any((predicted <= 0.999 * _NOTHING_LIKE_IT).all(-1), axis=-1)
+
+
 class Physics:
     """One simulator, with states as positions and velocities and parameters as unit coordinates."""
 

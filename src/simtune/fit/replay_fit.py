@@ -129,6 +129,8 @@ class ReplayFit:
         self, observed: Observed, motion: ShootingFit, parameters: np.ndarray
     ) -> PictureFit:
         """Fit what pictures show besides motion, in the states in which they were taken."""
+        if not len(self._appearance):
+            return PictureFit.of_nothing()  # without drawing a thousand pictures for it
         physics = self._setup.physics
         seen = states_in_late_pictures(physics.simulator, motion.full_states, motion.late_steps)
         return fit_window_pictures(

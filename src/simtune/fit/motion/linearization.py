@@ -12,7 +12,7 @@ from simtune.fit.lateness import Lateness
 from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.shooting_config import Spans
 from simtune.fit.motion.windows import Windows
-from simtune.fit.physics import Physics
+from simtune.fit.physics import Physics, is_lost
 
 _SMALLEST_DELTA = 1e-5  # of a state's unknowns
 _RIDGE = 1e-6  # of a Hessian, relative to its diagonal
@@ -111,9 +111,15 @@ class WindowPlayer:
         units[sides, np.tile(self._fitted, 2)] = np.concatenate([above, below])
         _, predicted = self.play(windows, states, units)
         change = (predicted[1:] - predicted[0]).swapaxes(0, 1)
+        # A window whose changed world diverges seemed to know what was changed perfectly: the
+        # change is that of a motion to what nothing is like.
+        lost = is_lost(predicted[1:]).T
+        change[lost] = 0.0
         by_state = change[:, :num_states] / self._delta[:, None, None]
         rise, fall = np.split(change[:, num_states:], 2, axis=1)
         by_parameter = (rise - fall) / (above - below)[:, None, None]
+        either = np.logical_or(*np.split(lost[:, num_states:], 2, axis=1))
+        by_parameter[either] = 0.0
         return WindowSlopes(predicted[0], by_state, by_parameter)
 
     def linearize(

@@ -65,6 +65,12 @@ class PictureFit:
     chroma_blur: np.ndarray  # (C,) see `PictureScene`; empty then
     log_exposure: np.ndarray  # (M, C), of each picture; empty then
 
+    @classmethod
+    def of_nothing(cls) -> "PictureFit":
+        """Where no parameter is visible."""
+        none = np.empty(0)
+        return cls(none, np.empty((0, 0)), none, [], none, np.empty((0, 0)))
+
 
 def fit_pictures(
     simulator: Simulator,
