@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from servo_arm import write_arm
 
 from simtune import cli
 from simtune.checking import check, table
@@ -193,6 +194,24 @@ def test_twice_the_noise_tells_a_quarter(blind):
     )
     eigenvalues = np.linalg.eigvalsh(one.information[:2, :2])
     assert eigenvalues[0] < 0.03 * eigenvalues[1]  # mass and gain: their ratio alone
+
+
+def test_readings_that_may_be_late_tell_less_of_what_looks_alike(tmp_path):
+    """As in a fit, where a servo's gain and the lateness of its encoder go together."""
+    task = load_task(str(write_arm(tmp_path)))
+    simulator, space = task.simulator(image_size=16), task.parameters
+    act = simulator.explore(3, task.episode_steps, rng := np.random.default_rng(0))
+    worlds = np.tile(space.nominal, (3, 1))
+    actions = simulator.play(worlds, act, task.episode_steps, rng).actions
+    std = []
+    for is_simulated in (True, False):
+        seen = observed(task, None, is_simulated=is_simulated)
+        replayed = ReplayedReadings(simulator, seen, space.nominal, actions)
+        found = replayed.changes(space.nominal[None], np.full(2, 1e-3))
+        std.append(np.sqrt(np.diag(np.linalg.inv(found.information))))
+    less = dict(zip(space.names, std[1] / std[0], strict=True))
+    assert min(less.values()) >= 1 - 1e-9
+    assert less["shoulder_kp"] > 1.2
 
 
 def test_servos_of_recordings(blind, recorded):

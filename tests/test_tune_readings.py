@@ -437,10 +437,30 @@ def concluded(
     observation = observation or as_recorded(experiment)
     facts = {"covariance": covariance, "unit": np.full(len(apart), 0.5), "late_steps": (0.0, 0.0)}
     facts |= {"offsets": np.zeros(2), "noise": np.full(2, noise), "start": np.zeros(1)}
+    facts["shares"] = np.tile(0.5, (len(apart), 2))
     judged = cast(OutputErrorFit, SimpleNamespace(**facts))
     found = cast(BestDescent, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
     first = Distribution.first(experiment.space, experiment.space.nominal)
     return conclude(judged, found, first, observation, 0, 0.05)[0]
+
+
+def test_what_readings_show_that_no_setting_explains_is_not_called_identified(tmp_path: Path):
+    """An elbow rubs by 1 N m, and the model says .2: its gain comes out a tenth too low."""
+    (tmp_path / "real").mkdir()
+    truth = tmp_path / "truth.json"
+    truth.write_text(json.dumps({**TRUTH, "elbow_friction": 1.0}))
+    real = pseudo(write_arm(tmp_path / "real"), truth, tmp_path / "rubbing").recordings
+    gains = TUNE[: TUNE.index('[[parameters]]\nname = "elbow_friction"')]
+    experiment = pseudo(write_arm(tmp_path, gains), None, tmp_path / "run")
+    found = experiment.search.run_round(real, Budget()).estimate
+    verdicts = dict(zip(experiment.space.names, found.verdict, strict=True))
+    assert verdicts == {
+        "shoulder_kp": "identified",
+        "shoulder_kv": "identified",
+        "elbow_kp": "weak",
+    }
+    assert "leaves elbow off by over four times" in found.warnings[-1]
+    assert not found.low[-1] < TRUTH["elbow_kp"] < found.high[-1]  # sure and wrong otherwise
 
 
 def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(truth: Path, tmp_path: Path):

@@ -8,7 +8,8 @@ _CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # both exceeded: pictures are r
 _AT_BOUND = 1e-3  # in unit coordinates
 _TOO_LATE = (
     "{} come {:.0f} ms {}, the most that is fitted: the rest of a delay may pass for damping, so "
-    "nothing is called identified. Correct their times, or declare a parameter of kind delay."
+    "nothing is called identified. Correct their times (latency_s in the tuning file), or declare "
+    "a parameter of kind delay."
 )
 
 

@@ -21,13 +21,14 @@ from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
-from simtune.tuning.readings_fits import FAR_MORE, BestDescent
+from simtune.tuning.readings_fits import FAR_MORE, BestDescent, unexplained
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates
 _UNKNOWN_STD = 1.0  # of parameters that only pictures show
 _SMALL = 1e-4  # in unit coordinates
 _HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
+_MAINLY = 0.5  # share of what a parameter changes
 _UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
 _NOT_FOUND_TWICE = (
     "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
@@ -51,7 +52,7 @@ _UNTESTED = (
 _UNEXPLAINED = (
     "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
     "model lacks something, or the search ended beside the truth. Intervals count what is left, "
-    "not why."
+    "not why, so what mainly these readings show is not called identified."
 )
 
 
@@ -79,6 +80,8 @@ def conclude(
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
     is_sure = found.is_sure and not is_late
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
+    off = unexplained(judged.noise, joints_of(observation.sensors))
+    doubtful[~space.is_appearance] |= judged.shares[:, off].sum(1) > _MAINLY
     estimate = replace(
         read,
         mean=mean,

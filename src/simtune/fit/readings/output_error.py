@@ -31,6 +31,7 @@ from simtune.fit.readings.replay_cost import Guess, Point, ReplayCost
 from simtune.fit.readings.residuals import correlation_times, spread
 from simtune.fit.readings.slopes import Groups, StretchSlopes
 from simtune.fit.readings.stretches import Readings
+from simtune.observation import usual_noise
 
 _FIRST_DAMPING = 1e-2
 _DAMPING = (1e-4, 1e6)
@@ -83,6 +84,8 @@ class OutputErrorFit:
     noise: np.ndarray  # (D,) root mean square of the residuals
     start: np.ndarray  # (S,) full state at the start of the first stretch
     late_steps: tuple[float, float]  # lateness of readings, and its standard deviation
+    # (P, D) shares of readings in what each parameter changes, at usual noise; rows sum to 1
+    shares: np.ndarray
 
 
 class OutputError:
@@ -176,13 +179,18 @@ class OutputError:
         wider = np.maximum(scattered / std, 1.0)
         covariance = covariance[:num, :num] * np.outer(wider, wider)
         own, size = num - (self._loop.lateness is not None), len(self._loop.physics.parameters)
+        is_known = np.isfinite(residuals)[:, None]
+        # Not at `noise`: a reading that the model explains badly would seem to show little
+        seen = slopes.by_parameter[:, :own] * is_known / usual_noise(self._loop.sensors)
+        shown = np.square(seen).sum((0, 2))  # (P, D)
         return OutputErrorFit(
-            point.unit[:size],
-            covariance[:own, :own],
-            point.offsets,
-            noise,
-            objective.play(point)[1][0],
-            Lateness.found(point.unit[size:], covariance[own:, own:]),
+            unit=point.unit[:size],
+            covariance=covariance[:own, :own],
+            offsets=point.offsets,
+            noise=noise,
+            start=objective.play(point)[1][0],
+            late_steps=Lateness.found(point.unit[size:], covariance[own:, own:]),
+            shares=shown / np.maximum(shown.sum(1, keepdims=True), 1e-300),
         )
 
 

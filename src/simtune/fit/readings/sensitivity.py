@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
 from simtune.fit.readings.differences import Where, differentiate
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
@@ -65,6 +66,7 @@ class ReplayedReadings:
         Raises RuntimeError if every episode diverges.
         """
         self._labels = observation.reading_labels
+        self._may_be_late = observation.unknown_latency_steps(simulator) > 0
         episodes, num_steps = actions.shape[:2]
         given = np.ones((episodes, num_steps + 1, 1)) if readings is None else readings.values
         self._num_frames = np.isfinite(given).any(-1).sum()
@@ -111,10 +113,12 @@ class ReplayedReadings:
         )
 
     def _information(self, stretches: Stretches, noise: np.ndarray) -> np.ndarray:
-        """(N, N) Fisher information, with offsets and initial states marginalised."""
-        loop, num = self._loop, len(self._unit)
+        """(N, N) Fisher information; offsets, lateness and initial states are marginalised."""
+        loop, unit, num = self._loop, self._unit, len(self._unit)
+        if self._may_be_late:  # as in a fit
+            loop, unit = loop.with_lateness(), np.append(unit, Lateness.unit(0.0))
         start_std = loop.start_std(usual_noise(loop.sensors), stretches.values)
-        where = Where(stretches, stretches.states, self._unit, start_std)
+        where = Where(stretches, stretches.states, unit, start_std)
         slopes = differentiate(loop, where)
         nothing_left = 0 * stretches.values  # NaN where nothing was read
         offsets = finds_offset(loop.sensors)
@@ -123,5 +127,5 @@ class ReplayedReadings:
         equations = normal_equations(slopes.by_start, shared, nothing_left, noise)
         num_frames = np.isfinite(stretches.values).any(-1).sum()
         total = equations.information.sum(0) * self._num_frames / num_frames
-        mixed, offsets = total[:num, num:], total[num:, num:]
-        return total[:num, :num] - mixed @ np.linalg.pinv(offsets) @ mixed.T
+        mixed, others = total[:num, num:], total[num:, num:]
+        return total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T
