@@ -1,8 +1,11 @@
 """OpenGL's rules of light, textures and clipping, in the ray caster: as MuJoCo draws them."""
 
+from io import BytesIO
+
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.image import imsave
 from test_renderers import initial_state, opengl_or_skip
 
 from simtune.parameters import Parameter, ParameterSpace
@@ -38,9 +41,20 @@ DIM = 'diffuse=".08 .08 .08" specular="0 0 0" castshadow="false"'
 ONLY_GLOSS = 'diffuse="0 0 0" specular="1 1 1"'
 CHECKS, FLOOR = (f'<geom type="plane" size="2 2 .1" material="{name}"/>' for name in ("m", "plain"))
 FINE_FLOOR = FLOOR.replace("2 2 .1", "2 2 .02")  # lit at more points, as OpenGL does
+RAMP = np.linspace(0, 255, 64)
+PIXELS = np.stack([*np.meshgrid(RAMP, RAMP), np.full((64, 64), 128)], -1).astype(np.uint8)
+GREY = '<texture name="grey" type="2d" file="image.png" nchannel="1"/>'
+GREY += '<material name="grey" texture="grey" rgba=".3 .6 .4 1" specular="0"/>'
 BALL = '<geom size=".5" pos="0 0 .5" material="plain"/>'
 CUBE = '<geom type="mesh" mesh="cube" pos="0 -1.5 .9" material="plain"/>'
 NEAR = '<geom type="box" size=".05 .05 .02" pos="0 -2.45 1.47" euler="30 0 0" rgba=".9 .1 .1 1"/>'
+
+
+def file_of(pixels: np.ndarray) -> bytes:
+    """PNG of (H, W, 3) uint8."""
+    file = BytesIO()
+    imsave(file, pixels)
+    return file.getvalue()
 
 
 def lamp(more: str = "", direction: str = "0 0 -1", name: str = "lamp") -> str:
@@ -59,11 +73,18 @@ def cloth(name: str, pos: str, more: str) -> str:
 
 
 def model_of(
-    things: str, lamps: str = "", headlight: str = "", extent: float = 3, **assets: str
+    things: str,
+    lamps: str = "",
+    headlight: str = "",
+    extent: float = 3,
+    image: str = "",
+    **assets: str,
 ) -> mujoco.MjModel:
+    """`image`: a texture or more of the file image.png, before the others."""
     whole = {"texture": "", "material": 'specular="0"', **assets}
     xml = SCENE.format(things=things, lamps=lamps, headlight=headlight, extent=extent, **whole)
-    return mujoco.MjModel.from_xml_string(xml)
+    files = {"image.png": file_of(PIXELS)}
+    return mujoco.MjModel.from_xml_string(xml.replace("<asset>", f"<asset>{image}"), files)
 
 
 def both(
@@ -95,6 +116,7 @@ def assert_equal_but_for_edges(cast: np.ndarray, drawn: np.ndarray) -> None:
     assert np.quantile(np.abs(cast - drawn).max(-1), 0.95) <= 2
 
 
+LACKING = '<light type="point" pos="0 -1 2"/><light type="image" texture="t"/>'
 GLOSSY = 'specular="1" shininess=".05"'
 SCENES = {
     "sRGB textures, unlike skies": {
@@ -129,6 +151,25 @@ SCENES = {
         "things": FLOOR,
         "lamps": lamp('active="false"'),
         "headlight": DARK,
+    },
+    "lamps of kinds that OpenGL lacks": {
+        "things": FLOOR + BALL,
+        "lamps": lamp(DIM) + LACKING,
+    },
+    "no other lamps than such": {"things": FLOOR + BALL, "lamps": LACKING, "headlight": DARK},
+    "a texture of one channel": {
+        "things": FLOOR + BALL.replace("plain", "grey"),
+        "lamps": lamp(),
+        "image": GREY,
+    },
+    "a texture of one channel on a mesh": {
+        "things": FLOOR + CUBE.replace("plain", "grey"),
+        "lamps": lamp('diffuse=".4 .4 .4"'),
+        "image": GREY,
+    },
+    "a sky of one image": {
+        "things": BALL.replace(".5 .5", ".5 -.9").replace('".5"', '".2"'),
+        "image": '<texture type="skybox" file="image.png"/>',
     },
     "more lamps than OpenGL has": {
         "things": FLOOR,

@@ -414,6 +414,15 @@ def sky_faces(model: mujoco.MjModel) -> np.ndarray:
     return texels.reshape(6, width, width, 3).astype(np.float32)
 
 
+def test_a_turning_cameras_sky_of_one_image_is_smoothed():
+    texture = '<texture type="skybox" builtin="flat" width="32" height="32"/>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><asset>{texture}</asset></mujoco>")
+    model.tex_height[0] = 32  # as of a file with one image for all faces
+    model.tex_data[:] = np.random.default_rng(0).integers(0, 256, len(model.tex_data))
+    smooth = smooth_sky(model, 90 / 2).tex_data[: 32 * 32 * 3].reshape(32, 32, 3)
+    assert np.ptp(smooth[:16, :16], axis=(0, 1)).max() == 0
+
+
 @pytest.mark.thorough
 def test_a_turning_cameras_sky_has_no_stars_smaller_than_pixels():
     model, pixel_deg = load_task("ball_in_cup").load_model(), 45 / 64
@@ -526,6 +535,15 @@ def test_a_model_that_warp_refuses_is_refused_in_a_line():
     xml = UNKNOWN_TO_WARP.format("ball", '<orientation joint="turn" kp="1"/>')
     with pytest.raises(InputError, match=r"cannot draw the model, since MuJoCo Warp .*mjTRN_SO3"):
         Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", (SIZE, SIZE))
+
+
+@pytest.mark.parametrize("geom", ["", '<geom size=".1" group="3"/>'])
+def test_a_model_of_which_nothing_is_seen_is_refused_in_a_line(geom):
+    """mujoco_warp would end the process."""
+    xml = f'<mujoco><worldbody><camera name="above" pos="0 0 4"/>{geom}</worldbody></mujoco>'
+    space = ParameterSpace([])
+    with pytest.raises(InputError, match=r"nothing can be drawn: .* in the groups 0 to 2"):
+        Raycaster(mujoco.MjModel.from_xml_string(xml), space, "above", (SIZE, SIZE))
 
 
 def test_depths_are_of_geoms_alone():

@@ -197,6 +197,27 @@ def test_a_delay_of_half_a_second_comes_half_a_second_late(load):
     np.testing.assert_allclose(elbow(played), elbow(expected), atol=1e-6)
 
 
+def test_a_factor_on_limits_acts_on_the_joints_limits_too(load, tmp_path):
+    xml = SCENE.replace('name="elbow" axis', 'name="elbow" actuatorfrcrange="-2 2" axis')
+    xml = xml.replace('<position name="elbow"', '<position name="elbow" forcerange="-5 5"')
+    (tmp_path / "scene.xml").write_text(
+        xml.replace('type="slide"', 'type="slide" actuatorfrcrange="-6 6"')
+    )
+    task = load("name = 'most'\nkind = 'torque_limit'\nobjects = ['elbow', 'servo']")
+    mean = np.array([3.0])
+    out = export(ExportConfig(run_folder=a_run(tmp_path, task, mean), out=tmp_path / "out"))
+    tuned, copy = task.load_model(), tmp_path / "copy.xml"
+    ModelWriter(task.parameters, tuned).write(tuned, mean)
+    script = [sys.executable, str(out / "apply.py"), str(tmp_path / "scene.xml"), str(copy)]
+    subprocess.run(script, check=True)
+    exported = [mujoco.MjModel.from_xml_path(str(path)) for path in (out / "model.xml", copy)]
+    for model in (tuned, *exported):
+        data = mujoco.MjData(model)
+        data.actuator("elbow").ctrl = data.actuator("servo").ctrl = 9
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.qfrc_actuator, [3 * 2, 3 * 2], rtol=1e-6)
+
+
 def test_an_actuator_that_is_a_filter_keeps_its_own_lag_and_keyframes_grow(load):
     own = load(parameter("lag", "lag", "follows"))
     assert own.parameters["lag"].nominal == 0.2

@@ -95,7 +95,7 @@ class PixelAgent(ABC):
         self._use_graphs = use_graphs
         self._adam = partial(torch.optim.Adam, fused=True, capturable=self.device.type == "cuda")
         self._replay: Replay | None = None  # that captured updates draw from
-        self._losses: list[torch.Tensor] = []  # of the updates since the last were told
+        self._losses: list[torch.Tensor] = []  # of the updates since the last log
         self._begin_steps()
 
     @property

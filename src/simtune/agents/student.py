@@ -23,7 +23,7 @@ from simtune.networks.layers import Standardizer, mlp, predicting
 from simtune.vision.detector import DetectorConfig, KeypointDetector, to_input
 from simtune.vision.noisy_cameras import NoisyCameras
 
-# Some half a pixel: a real camera's offset of what stands still is not to look large
+# About half a pixel, so that a real camera's offset of what stands still does not look large
 _ADDED_STD = 0.02
 _POSITIONS_WIDTH = 4.0  # width of the range relative to which errors count, in standard deviations
 

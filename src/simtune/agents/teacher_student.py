@@ -37,7 +37,7 @@ class TeacherStudentConfig:
     filmed_share: float = 0.7  # of the steps after that, which are filmed
     random_steps: int = 3_000  # at the start
     teacher_updates_per_step: float = 0.5
-    # Within these bounds, as many as give so many updates in all filmed steps
+    # Bounds; within them, so many that all filmed steps together give `detector_updates`
     detector_updates_per_step: tuple[float, float] = (0.06, 0.12)
     detector_updates: int = 2_400
     first_detector_factor: float = 3.0  # on the number of first updates, when it cannot see yet

@@ -63,7 +63,7 @@ def anywhere(model: mujoco.MjModel, camera: str, observation: ObservationModel) 
     is_measured = np.zeros(model.nq, bool)
     is_measured[measured_places(joints_of(observation.sensors))] = True
     of_joints = np.split(is_measured, model.jnt_qposadr[1:])
-    # A play rests in its middle, where nobody measures it.
+    # Backlash that is not measured is taken to be at its middle.
     unknown = [
         joint
         for joint, places in enumerate(of_joints)

@@ -15,7 +15,7 @@ class View:
     aspect: float = 1.0  # width over height
     # (H, W, 3) uint8 background in place of the model's; see `Footage.plate`
     plate: np.ndarray | None = None
-    # Whether nobody knows what is behind the things that move; see `Backdrops`
+    # Whether what is behind the things that move is unknown; see `Backdrops`
     background_is_unknown: bool = False
 
     def width(self, height: int) -> int:

@@ -65,7 +65,7 @@ def small(
 
 
 def enough_size(pixels: float, image_size: int) -> int:
-    """Height of pictures that show enough of what has so many `pixels` of `image_size`."""
+    """Height of pictures that show enough of an object with `pixels` at `image_size`."""
     return _MULTIPLE_PX * math.ceil(
         _ENOUGH_PX / max(pixels, _FEWEST_PX) * image_size / _MULTIPLE_PX
     )

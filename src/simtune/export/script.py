@@ -73,9 +73,10 @@ if __name__ == "__main__":
 '''
 _PREPARED = """
 Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)
-where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found; bodies
-need some gravcomp where weight is compensated, and simple="false" where their centre (ipos, iquat),
-or the place or axis of a joint, was found."""
+where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found; their
+joints no limit of their own beside it (actuatorfrclimited); bodies need some gravcomp where weight
+is compensated, and simple="false" where their centre (ipos, iquat), or the place or axis of a
+joint, was found."""
 
 _BY_INDEX = re.compile(
     r"(body|joint|geom|site|camera|light|tendon|actuator|equality|keyframe) \d+"
@@ -129,7 +130,7 @@ def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
                 yield f"spec.actuator({name!r}).forcelimited = True"
                 yield f"spec.actuator({name!r}).forcerange = {force_range!r}"
                 actuator = model.actuator(name)
-                if not parameter.is_factor and actuator.trntype[0] in OF_JOINTS:
+                if actuator.trntype[0] in OF_JOINTS:
                     joint = model.joint(actuator.trnid[0]).name  # whose limit would act as well
                     yield f"spec.joint({joint!r}).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE"
     if any(parameter.is_lag for parameter in writer.space):

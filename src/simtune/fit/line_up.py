@@ -17,7 +17,7 @@ from simtune.fit.result import PointEstimate
 _PARTICLE_STD = (0.02, 0.1)  # bounds of the particles' parameter spread, in unit coordinates
 _QUICK_STAGES = Stage(4, 3, 3.0), Stage(12, 4)
 _QUICK_WINDOWS = (12, 30)  # bounds
-_LOOKED_AT = 8  # steps, at one of which it is looked which keypoints something unknown moves
+_LOOKED_AT = 8  # every eighth step is tested for keypoints that something unknown moves
 # By how much −log likelihood per observation must be lower, and by how many standard errors of that
 _CLEARLY, _SURELY = 0.05, 1.5
 

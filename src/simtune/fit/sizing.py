@@ -62,7 +62,7 @@ class FitConfig:
 
 
 def count_windows(config: FitConfig, work: FitWork) -> int:
-    """As many as are asked for, if there are so many."""
+    """The configured number, or all that the episodes have."""
     return min(config.shooting.num_windows, -(-work.num_steps // config.shooting.stages[-1].window))
 
 
@@ -86,7 +86,7 @@ def fit_to_budget(
 
     With the fewest that tell enough it may take longer. If that exceeds `at_most_s`, the fewest
     windows that tell anything are taken. Longer windows must end within a share of `at_most_s`:
-    where little is told, all lengths are tried, and no time would be left for refits.
+    if the data say little, all lengths are tried, and no time would be left for refits.
     """
     if not np.isfinite(seconds):
         return config

@@ -11,7 +11,12 @@ def write_down_inferred(spec: mujoco.MjSpec) -> None:
     These are masses and inertias, springs of joints and tendons, dampers of joints, and of
     actuators the damping by a `dampratio`, inherited ranges, and the lengths of muscles.
     """
+    aligns = [joint.align for joint in spec.joints]
+    for joint in spec.joints:  # inertias belong into bodies' own frames, not into aligned ones
+        joint.align = 0
     model = spec.compile()
+    for joint, align in zip(spec.joints, aligns, strict=True):
+        joint.align = align
     spec.compiler.settotalmass = -1
     # What is attached has a compiler of its own.
     for compiler in [spec.compiler, *(body.compiler for body in spec.bodies)]:

@@ -140,7 +140,7 @@ class _Episode:
     def width(self, key: str) -> int:
         """Readings in a row of an array; 0: it cannot hold any.
 
-        1 if it is beyond the limits of a table: who asks for it is told so, and nobody else.
+        1 if it is beyond the limits of a table: only reading it raises the error.
         """
         array = self._seen(key)
         if array.dtype.kind not in "fiu" or array.ndim not in (1, 2):

@@ -65,7 +65,7 @@ class LeRobot:
         with suppress(RobotError):
             self.measure()
         if self._latest is None:
-            raise RobotError("the robot cannot be stopped: it has never told where it is")
+            raise RobotError("the robot cannot be stopped: it has not reported its position")
         self.move_to(self._latest)
 
     def close(self) -> None:

@@ -24,11 +24,24 @@ def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> N
     keep_all_terms(spec, space)
     for parameter, actuator in _actuators(spec, space):
         if parameter.field_info.form == "range":
-            if not parameter.is_factor:
-                lift_joint_limit(spec, actuator)
-            if not _is_limited(actuator):
-                actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-                actuator.forcerange = [-parameter.nominal, parameter.nominal]
+            _limit_force(spec, actuator, parameter)
+
+
+def _limit_force(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, parameter: Parameter) -> None:
+    """Give an actuator a limit of its own that `parameter` tunes, and its joint none.
+
+    A factor multiplies the limit that acts: the narrower one of the actuator's and the joint's.
+    """
+    ranges = [(actuator.forcelimited, actuator.forcerange)]
+    joint, gear = _driven(spec, actuator), actuator.gear[0]
+    if joint and gear and parameter.is_factor:
+        ranges.append((joint.actfrclimited, np.sort(joint.actfrcrange / gear)))
+    acting = [limits for limited, limits in ranges if _acts(limited, limits)]
+    if not acting:
+        acting = [np.array([-parameter.nominal, parameter.nominal])]
+    actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+    actuator.forcerange = [max(low for low, _ in acting), min(high for _, high in acting)]
+    lift_joint_limit(spec, actuator)
 
 
 def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
@@ -97,11 +110,15 @@ def lift_joint_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> None:
 
     URDF's `effort` is such a limit; beside it, larger ones would not act.
     """
-    if actuator.trntype in OF_JOINTS and (joint := spec.joint(actuator.target)):
+    if joint := _driven(spec, actuator):
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
 
 
-def _is_limited(actuator: mujoco.MjsActuator) -> bool:
-    if actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO:
-        return actuator.forcerange[0] < actuator.forcerange[1]
-    return actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE  # all of them are true
+def _driven(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> mujoco.MjsJoint | None:
+    return spec.joint(actuator.target) if actuator.trntype in OF_JOINTS else None
+
+
+def _acts(limited: int, limits: np.ndarray) -> bool:
+    if limited == mujoco.mjtLimited.mjLIMITED_AUTO:
+        return bool(limits[0] < limits[1])
+    return limited == mujoco.mjtLimited.mjLIMITED_TRUE  # all of them are true

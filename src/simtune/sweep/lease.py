@@ -32,7 +32,7 @@ class Lease:
     @classmethod
     @contextmanager
     def awaited(cls, path: Path) -> Iterator[None]:
-        """Hold a lease, as soon as nobody else does; for what takes a moment. Raises OSError."""
+        """Wait for a lease and hold it; for short work. Raises OSError."""
         path.parent.mkdir(exist_ok=True)
         lease = cls._locked(path, fcntl.LOCK_EX)
         try:

@@ -19,7 +19,7 @@ from simtune.tuning.estimate import Estimate
 Kind = Literal["ratio", "product", "difference", "sum"]
 
 _ABOUT_ONE = (0.75, 1.33)
-_LARGEST_POWER = 5.0  # larger powers are of no use to anybody
+_LARGEST_POWER = 5.0  # larger powers are not useful
 _TINY = 1e-300  # lower bound for logarithms
 
 

@@ -18,7 +18,7 @@ class Earlier:
     estimate: Estimate | None = None  # None: nothing was fitted
 
     def known(self, made: Bootstrap) -> Bootstrap:
-        """The refits to judge by: those just `made`, unless there were more time before."""
+        """The refits to judge by: those just `made`, or an earlier round's, if it had more time."""
         before = self.bootstrap
         if before is None or len(made.misfits) >= min(_FEW, len(before.misfits)):
             return made

@@ -187,8 +187,8 @@ class FitStage:
         """
         num, num_episodes = size
         actions, observation = observed.actions[:num_episodes], self._context.observation
-        # What pushes what depends on where things are: with ALOHA's arms, and a box put anywhere,
-        # actions that had moved the real box moved none.
+        # What an action moves depends on where objects stand. With the box elsewhere, actions that
+        # had moved ALOHA's real box moved nothing.
         starts = fit.starts[:num_episodes]
 
         def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed | None:

@@ -5,7 +5,7 @@ import numpy as np
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate
 
-WIDER = 2.0  # than a 90 % interval: all that is still possible, and as much again
+WIDER = 2.0  # factor on a 90 % interval: the interval, and a margin as large
 _LEAST = 0.2  # of the whole range: no simulator is right in everything
 
 

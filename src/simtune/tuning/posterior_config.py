@@ -23,8 +23,8 @@ class PosteriorSearchConfig:
     # Half-width of a 90 % interval, relative to the estimate, at which to stop; 0: never
     precision: float = 0.0
     for_policy: bool = False  # whether all must be identified, too
-    # Whether what learns from it bears any brightness: then colours before a real camera, whose
-    # brightness nobody knows, need not be so precise
+    # Whether the policy works at any brightness. A real camera's is unknown, so colours then need
+    # not be precise
     tolerates_brightness: bool = False
     detector_updates: tuple[int, ...] = (1000, 2000, 4000)  # at most: first round, later ones
     posterior_updates: int = 500

@@ -129,7 +129,7 @@ def read_curves(
 
 
 def doubted_at_edges(estimate: Estimate, events: list[Event]) -> Estimate:
-    """The estimate; parameters at an edge of the searched range are at most weak, and told of.
+    """The estimate; parameters at an edge of the searched range are at most weak, with a warning.
 
     Networks say little of what lies beyond the range that they were trained in.
     """

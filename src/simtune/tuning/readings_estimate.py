@@ -128,7 +128,7 @@ class ReadingsEstimate:
     def combined_with(self, estimate: Estimate) -> Estimate:
         """Each parameter from the estimate of readings and video, or from this one if narrower.
 
-        Where one is this, with its warnings and the offsets that belong to it. Where the two
+        If any parameter comes from this one, so do its warnings and offsets. Where the two
         contradict each other, the interval covers both.
         """
         space, told = self._range.space, self._estimate

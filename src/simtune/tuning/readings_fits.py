@@ -81,7 +81,7 @@ class ReadingsFits:
         """
         self._fit, self._readings, self._step_s, self._seed = fit, readings, step_s, seed
         self._bounds, self._horizons = bounds, horizons
-        # By a stage's stretches, of which two may have as many steps: for their derivatives
+        # The first descent of each stage, by (steps, at_most): others begin with its derivatives
         self._near = dict[tuple[int, int], Descent]()
 
     def begin(self, first_guess: np.ndarray) -> list[Guess]:

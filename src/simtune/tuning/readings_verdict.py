@@ -119,10 +119,10 @@ def _errors(
 
 
 def _by_data(covariance: np.ndarray) -> np.ndarray:
-    """(P, P) without the fit's prior: it is no knowledge, and keeps steps short.
+    """(P, P) without the fit's prior, which only keeps steps short: it is not information.
 
-    Of combinations that nothing shows, such as of two dampings that act as one, the standard
-    deviation is that of parameters that nothing shows.
+    A combination that no reading shows, such as of two dampings that act as one, gets the standard
+    deviation of a parameter that no reading shows.
     """
     values, combinations = np.linalg.eigh(
         np.linalg.inv(covariance) - np.eye(len(covariance)) / PRIOR_STD**2
@@ -135,10 +135,10 @@ def _along_sums(
 ) -> np.ndarray:
     """(P,) factors on standard deviations for sums that are known better than what they are of.
 
-    A stiff damping and a soft one that act as one trade on their own scale, where dθᵢ is constant
-    per dθⱼ. On the logarithmic scale of unit coordinates that is a curve, along which the stiff one
-    falls by far more than its tangent says. So where a combination is hardly known, the parameter
-    that it moves most goes as far as it does so, and the others follow on their own scale.
+    Two dampings that act as one can be exchanged at a constant rate on their own scale. On the
+    logarithmic scale of unit coordinates that line is a curve, and its tangent understates how far
+    the stiff one can fall. So for each poorly known combination its main parameter is moved by its
+    interval, the others follow on their own scale, and it is measured how far each gets.
     """
     std, at = np.sqrt(np.diag(covariance)), space.from_unit(unit)
     inside = np.clip(unit, _SMALL, 1 - _SMALL)

@@ -71,7 +71,8 @@ class Rounds:
     def end(self, widths: np.ndarray, may_be_known: bool = True, is_judged: bool = True) -> None:
         """End a round with `half_widths` of what counts.
 
-        `may_be_known`: narrow intervals of a simulator that misses something are no knowledge.
+        `may_be_known`: false if the simulator may lack something, so that narrow intervals prove
+        nothing.
         `is_judged`: intervals that no known world has judged, for lack of time, say nothing yet.
         """
         self.num_done += 1

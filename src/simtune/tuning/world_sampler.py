@@ -15,7 +15,7 @@ _AT_A_TIME = 64  # worlds between looks at the clock; the fewest to learn from
 
 
 class WorldSampler:
-    """Draws as many worlds as there is time for: so many, or fewer if a budget would be over."""
+    """Draws the number of worlds asked for, or fewer if the budget runs out."""
 
     def __init__(self, context: SearchContext):
         self._context, self.rng = context, np.random.default_rng(context.seed)

@@ -158,8 +158,8 @@ def _ratio(value: float, known: Sequence[float]) -> float:
 def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N,) what (K, N) errors share, shrunk towards 0 by its uncertainty, and its variance.
 
-    Fits that do not arrive may err towards one side only, since from the other they arrive: their
-    mean is no bias of one that did. So it is the quartile nearest to 0, or 0 between the two. With
+    Refits that do not converge may all stop on the same side. Their mean is then not the bias of
+    one that converged, so the quartile nearest to 0 is used, or 0 if it lies between the two. With
     the mean m and its variance v it shrinks by 1 − v / m², or to 0 if that is negative (James and
     Stein 1961). v has a prior, errors as large as claimed, which counts like two of them.
     """

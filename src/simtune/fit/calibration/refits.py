@@ -74,8 +74,8 @@ def run_bootstrap(
 def _in_opposite_pairs(rng: np.random.Generator, size: int) -> Iterator[np.ndarray]:
     """(size,) normal numbers without end, each followed by its opposite (antithetic variates).
 
-    A fit that does not arrive errs towards where it began. Of a few independent beginnings all may
-    lie on one side, by chance, and that would look like a bias.
+    A refit that does not converge errs towards its start. A few independent starts may all lie on
+    one side by chance, which would look like a bias.
     """
     while True:
         offset = rng.normal(size=size)

@@ -27,7 +27,7 @@ from simtune.fit.physics import Physics
 
 _STATES_ONLY = 3.0  # above this blur only the states move
 _FIRST_DAMPING = 1e-2
-_DERIVED_EVERY_WITH_LAGS = 2  # iterations: what is left behind before a window changes as well
+_DERIVED_EVERY_WITH_LAGS = 2  # iterations: a window's first actuator state changes, too
 _FULL_STEPS = 3  # iterations of a stage; later ones take half of each parameter step
 _EXTENDED_BLUR = 3.0
 _LAG_DELTA = 0.01  # in unit coordinates

@@ -27,7 +27,7 @@ _LAST_PRIOR = 10.0
 _LARGEST_STEP = 0.12  # in unit coordinates
 _LARGEST_STATE_STEP = 4.0  # in prior standard deviations
 _DAMPING = (1e-6, 1e4)
-_NEARLY_ALL = 0.9  # of the windows: contacts tell a height where there are some
+_NEARLY_ALL = 0.9  # of the windows: only those with contacts determine a height
 
 
 class Stepped(NamedTuple):

@@ -63,11 +63,11 @@ def align_to_images(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(M, S) states, moved by up to ± a (2 nv,) tangent to where each looks most like its frame.
 
-    `render`: as `Simulator.render`. Places are tried so close together that pictures of neighbours
-    are alike, or 400 of them. A floor whose texture repeats looks nearly right in many places, and
-    a lamp over one gives each another brightness: whoever leaves out the right place finds wrong
-    colours. Also returns the (2 nv,) distance at which pictures would be just so alike, or that of
-    the places if these are farther apart: errors up to it change a picture evenly.
+    `render`: as `Simulator.render`. Places are tried so close together that neighbouring pictures
+    look alike, or 400 of them. A repeating floor looks nearly right in many places, and a lamp
+    makes each differently bright, so missing the right one gives wrong colours. Also returns the (2
+    nv,) distance at which pictures would be just so alike, or that of the places if these are
+    farther apart: errors up to it change a picture evenly.
     """
     real = frames.reshape(len(frames), -1).astype(np.float32)
     along = _Along(render, full_states, parameters, space, tangent)

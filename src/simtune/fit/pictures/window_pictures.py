@@ -14,7 +14,7 @@ from simtune.fit.pictures.response import Photometry
 _GOOD_FRAMES = 0.15, 0.6  # bounds of their share: the least that gives enough pictures
 _UNSEEN = 0.5  # of a sensor's noise: smaller changes of a prediction are not observed
 _PRIOR_STDS = 5.0  # error of a first guess considered, in units of its usual error
-_TOLD = 3.0  # errors of a motion's fit considered, in standard deviations
+_MOTION_STDS = 3.0  # errors of a motion's fit considered, in standard deviations
 
 
 def fit_window_pictures(
@@ -36,7 +36,7 @@ def fit_window_pictures(
     places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
     frames = np.stack([observed.frames[episode][t] for episode, t in places])
     full_states, scale = motion.full_states[chosen, step], observed.evidence.scale
-    unseen, by_motion = _unobserved(physics, prior_std, scale), _TOLD * motion.state_std
+    unseen, by_motion = _unobserved(physics, prior_std, scale), _MOTION_STDS * motion.state_std
     largest = np.where(unseen.any(0), np.minimum(by_motion, prior_std), prior_std)
     untold = unseen[(unseen * (largest == prior_std)).any(1)]
     # Where there are several, the first is searched again once the others are found.

@@ -1,9 +1,9 @@
 """The motion of a robot whose joints are read, known before its pictures are looked at.
 
-If everything is read except loose objects, parameters that the readings told give the robot's
-states: an open-loop replay, corrected by what readings differ from it for longer than noise does.
-Then only the objects' states are unknown in windows. That is a third of the unknowns, and windows
-can be longer: with ALOHA's arms, a box's mass can at best be told to 6 % instead of 19 %.
+If everything is read except loose objects, the parameters that the readings determined give the
+robot's states: an open-loop replay, corrected by what readings differ from it for longer than noise
+does. Then only the objects' states are unknown in windows. That is a third of the unknowns, and
+windows can be longer: with ALOHA's arms, a box's mass can at best be told to 6 % instead of 19 %.
 """
 
 from dataclasses import dataclass, replace

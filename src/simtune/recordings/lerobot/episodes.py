@@ -104,7 +104,7 @@ def _template(folder: Path, info: dict[str, Any], key: str, layout: Layout) -> s
 def _inside(folder: Path, place: str) -> Path:
     """A path within the folder: a dataset must not make its user read other files.
 
-    Symbolic links are followed wherever they lead: whoever made a link could read its target, and
+    Symbolic links are followed wherever they lead: its author could read the target already, and
     the caches of model hubs consist of links.
     """
     path = PurePosixPath(place)

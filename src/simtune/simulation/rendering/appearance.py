@@ -10,9 +10,11 @@ import numpy as np
 
 # OpenGL's power of 0 is an even gloss, mujoco_warp's is none
 LEAST_SHININESS = 1e-5
-_GROUPS = 3  # of those that there are, the first are seen
+NUM_GROUPS = 3  # that are seen, the first of those that there are
 _UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 _MOST_LAMPS = 8  # at once, with the headlight
+# OpenGL "ignores unsupported light types", says MuJoCo's source; they count as lamps nevertheless
+_UNLIT = (mujoco.mjtLightType.mjLIGHT_POINT.value, mujoco.mjtLightType.mjLIGHT_IMAGE.value)
 _WITHOUT_LAMPS = 0.3  # ambient light
 _SRGB, _LINEAR = mujoco.mjtColorSpace.mjCOLORSPACE_SRGB, mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR
 
@@ -21,11 +23,18 @@ def as_opengl_reads(model: mujoco.MjModel) -> mujoco.MjModel:
     """A copy whose fields say what OpenGL draws."""
     by_reference = (model.tex_adr < 0).any()
     model = mujoco.mj_embedAssets(model) if by_reference else copy.copy(model)  # type: ignore
+    _drop_textures(model)
     _decode(model)
     _paint_flexes(model)
     _choose_lamps(model)
     model.mat_shininess[:] = np.maximum(model.mat_shininess, LEAST_SHININESS)
     return model
+
+
+def _drop_textures(model: mujoco.MjModel) -> None:
+    """Of one or two channels, which OpenGL does not load: materials have their plain colours."""
+    is_loaded = np.isin(model.tex_nchannel, (3, 4))
+    model.mat_texid[np.isin(model.mat_texid, np.flatnonzero(~is_loaded))] = -1
 
 
 def _decode(model: mujoco.MjModel) -> None:
@@ -57,13 +66,14 @@ def _paint_flexes(model: mujoco.MjModel) -> None:
         texture = model.mat_texid[model.flex_matid[flex], mujoco.mjtTextureRole.mjTEXROLE_RGB.value]
         if texture >= 0:
             model.flex_rgba[flex, :3] *= _texels(model, texture).mean(0) / 255
-    model.flex_rgba[model.flex_group >= _GROUPS, 3] = 0
+    model.flex_rgba[model.flex_group >= NUM_GROUPS, 3] = 0
 
 
 def _choose_lamps(model: mujoco.MjModel) -> None:
     """The first ones, or some light from everywhere if there is no lamp."""
     headlight, lamps = model.vis.headlight, np.flatnonzero(model.light_active)
     model.light_active[lamps[_MOST_LAMPS - bool(headlight.active) :]] = 0
-    if not headlight.active and not len(lamps):
+    model.light_active[np.isin(model.light_type, _UNLIT)] = 0
+    if not headlight.active and not model.light_active.any():
         headlight.active, headlight.ambient = 1, np.full(3, _WITHOUT_LAMPS)
         headlight.diffuse = headlight.specular = np.zeros(3)

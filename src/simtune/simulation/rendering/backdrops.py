@@ -1,6 +1,6 @@
-"""Random pictures behind what moves, where nobody knows what is there.
+"""Random pictures behind moving things, for an unknown background.
 
-A camera on a wrist sees a table full of things from ever other sides, and no plate shows them. A
+A camera on a wrist sees a table full of things from ever-changing sides, and no plate shows them. A
 detector that learns before such pictures looks at the things that the simulator does draw.
 """
 

@@ -11,9 +11,10 @@ import numpy as np
 import warp
 
 from simtune.cameras.pictures import pictures_at_once
+from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.simulation.rendering import packing
-from simtune.simulation.rendering.appearance import as_opengl_reads
+from simtune.simulation.rendering.appearance import NUM_GROUPS, as_opengl_reads
 from simtune.simulation.rendering.backdrops import Backdrops
 from simtune.simulation.rendering.packing import packed
 from simtune.simulation.rendering.plate import before_plate, check_stands_still
@@ -23,6 +24,10 @@ from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings
 
 _GREY = 0xFF808080  # packed; of a background that is unknown
+_NOTHING_TO_DRAW = (
+    "nothing can be drawn: the model has no geoms in the groups 0 to 2, which are those that are "
+    "seen; give a geom to be seen one of these groups, or use no camera"
+)
 _ONE = 16_000  # pixels of a picture that a CPU draws alone, beside a GPU that learns
 
 
@@ -50,8 +55,10 @@ class Raycaster:
         """`size`: (height, width) of pictures. `plate`: (height, width, 3) uint8 RGB in place of
         the sky and of static geoms, see `before_plate`. An unknown background is a random picture
         in their place. `device`: cpu, cuda or cuda:N. Raises InputError for a plate with a camera
-        that moves.
+        that moves, or if nothing of the model is drawn.
         """
+        if not model.nflex and not (model.geom_group < NUM_GROUPS).any():
+            raise InputError(_NOTHING_TO_DRAW)
         init_warp(device)
         self.size, self._device = size, device
         num_threads, is_cpu = num_threads or _num_cores(), device == "cpu"

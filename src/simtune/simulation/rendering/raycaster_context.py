@@ -18,6 +18,7 @@ from simtune.simulation.rendering import packing
 from simtune.simulation.rendering.appearance import LEAST_SHININESS
 from simtune.simulation.rendering.packing import packed
 from simtune.simulation.rendering.primitives.drawing import Primitives
+from simtune.simulation.rendering.sky import complete_sky
 from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.rendering.warp_model import put_model
 
@@ -172,6 +173,7 @@ def make_context(model, camera, size, tuned: Collection[str] = (), **settings):
     )
     if "light_attenuation" in tuned:  # else compiled for the model's own
         context.light_attenuation_is_default = False
+    complete_sky(model, context)
     return context
 
 

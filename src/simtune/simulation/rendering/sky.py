@@ -1,9 +1,13 @@
-"""The sky before a camera that turns."""
+"""Skies: for all six faces, and before a camera that turns."""
 
 import copy
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
+import warp
+from mujoco_warp import RenderContext
+from mujoco_warp._src.render_util import create_warp_texture, texture_pixels
 
 from simtune.parameters import ParameterSpace, field_of
 from simtune.simulation.rendering.plate import can_move
@@ -29,13 +33,31 @@ def smooth_sky(model: mujoco.MjModel, pixel_deg: float) -> mujoco.MjModel:
     model = copy.copy(model)
     for texture in np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX.value):
         width, height = model.tex_width[texture], model.tex_height[texture]
-        side = round(width * pixel_deg / 90) if height == 6 * width else 0  # six faces of 90°
+        side = round(width * pixel_deg / 90)  # a face has 90°
         if side > 1:
             start = model.tex_adr[texture]
             texels = slice(start, start + height * width * model.tex_nchannel[texture])
-            faces = model.tex_data[texels].reshape(6, width, width, -1)
+            faces = model.tex_data[texels].reshape(height // width, width, width, -1)
             model.tex_data[texels] = _average_squares(faces, side).ravel()
     return model
+
+
+def complete_sky(model: mujoco.MjModel, context: RenderContext) -> None:
+    """Give a sky of one image, which is that of all faces, six of them: mujoco_warp expects so."""
+    sky = int(context.skybox_tex_id.numpy()[0])
+    if sky < 0 or model.tex_height[sky] != model.tex_width[sky]:
+        return
+    faces = np.tile(texture_pixels(model, sky), (6, 1, 1))
+    height, width, num_channels = faces.shape
+    stacked = SimpleNamespace(  # what it reads of a model
+        tex_adr=[0],
+        tex_data=faces.ravel(),
+        tex_height=[height],
+        tex_width=[width],
+        tex_nchannel=[num_channels],
+    )
+    context.textures_registry[sky] = create_warp_texture(stacked, 0)  # pyright: ignore
+    context.textures = warp.array(context.textures_registry, dtype=warp.Texture2D)
 
 
 def _average_squares(faces: np.ndarray, side: int) -> np.ndarray:
