@@ -97,9 +97,7 @@ def test_readings_are_those_of_the_first_episodes_after_a_resumption_too(tmp_pat
     """A policy's episodes come later, and first in the list."""
     config = TuneConfig(task="cartpole", out=tmp_path / "run", observe=BOTH, real_episodes=2)
     experiment, read = build_experiment(config), list[list[Trajectory]]()
-    monkeypatch.setattr(
-        ReadingsEstimate, "by_readings", lambda context, real, budget: read.append(real)
-    )
+    monkeypatch.setattr(ReadingsEstimate, "fitted", lambda context, real, budget: read.append(real))
     real, budget = experiment.recordings, Budget()
     search, resumed = (make_search("posterior", experiment.context) for _ in range(2))
     search._fit_readings(real, budget)

@@ -169,6 +169,7 @@ def test_facts(written: Path):
             )
         },
         "gaps": {},
+        "unused_s": {},
         "readings": {},
         "episodes": 2,
         "episodes_in_dataset": 3,
