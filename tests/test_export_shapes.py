@@ -3,6 +3,7 @@
 import runpy
 import subprocess
 import sys
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -57,6 +58,19 @@ def after_a_second(model: mujoco.MjModel) -> np.ndarray:
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 500)
     return data.qpos
+
+
+def exported_both_ways(
+    xml: str, toml: str, folder: Path
+) -> tuple[tuple[Path, Path], mujoco.MjModel]:
+    """A run's model.xml, and what apply.py makes of the original; the world they should equal."""
+    (folder / "scene.xml").write_text(xml)
+    (folder / "scene.toml").write_text(toml)
+    task = str(folder / "scene.toml")
+    run, mean = a_run(folder / "run", task)
+    out, copy = export(ExportConfig(run_folder=run, out=folder / "out")), folder / "copy.xml"
+    subprocess.run([sys.executable, out / "apply.py", folder / "scene.xml", copy], check=True)
+    return (out / "model.xml", copy), the_tuned_world(task, mean)
 
 
 def test_nothing_is_inferred_anew_from_tuned_shapes(scene, tmp_path):
@@ -161,14 +175,8 @@ parameters = [
     ("xml", "toml"), [(DERIVED, OF_DERIVED), (OMITTED, OF_OMITTED), (BOUNDED, OF_BOUNDED)]
 )
 def test_nothing_is_inferred_anew_or_left_out(xml, toml, tmp_path):
-    (tmp_path / "scene.xml").write_text(xml)
-    (tmp_path / "scene.toml").write_text(toml)
-    task = str(tmp_path / "scene.toml")
-    run, mean = a_run(tmp_path / "run", task)
-    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
-    copy, expected = tmp_path / "copy.xml", the_tuned_world(task, mean)
-    subprocess.run([sys.executable, out / "apply.py", tmp_path / "scene.xml", copy], check=True)
-    for path in (out / "model.xml", copy):
+    paths, expected = exported_both_ways(xml, toml, tmp_path)
+    for path in paths:
         exported = mujoco.MjModel.from_xml_path(str(path))
         assert differences(exported, expected, rtol=1e-4) == [], path.name
 
@@ -201,14 +209,9 @@ parameters = [{{name = "mass", kind = "mass", objects = ["{body}"]}}]
     [{"compiler": 'alignfree="true"', "joint": ""}, {"compiler": "", "joint": 'align="true"'}],
 )
 def test_a_free_body_that_mujoco_aligns_moves_as_in_the_tuned_world(where, body, tmp_path):
-    (tmp_path / "scene.xml").write_text(ALIGNED.format(**where))
-    (tmp_path / "scene.toml").write_text(OF_ALIGNED.format(body=body))
-    task = str(tmp_path / "scene.toml")
-    run, mean = a_run(tmp_path / "run", task)
-    out = export(ExportConfig(run_folder=run, out=tmp_path / "out"))
-    copy, expected = tmp_path / "copy.xml", the_tuned_world(task, mean)
-    subprocess.run([sys.executable, out / "apply.py", tmp_path / "scene.xml", copy], check=True)
-    for path in (out / "model.xml", copy):
+    xml, toml = ALIGNED.format(**where), OF_ALIGNED.format(body=body)
+    paths, expected = exported_both_ways(xml, toml, tmp_path)
+    for path in paths:
         moved = after_a_second(mujoco.MjModel.from_xml_path(str(path)))
         np.testing.assert_allclose(moved, after_a_second(expected), atol=1e-3, err_msg=path.name)
 

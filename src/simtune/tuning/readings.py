@@ -23,7 +23,6 @@ from simtune.errors import InputError
 from simtune.fit import MOST_EPISODES, Lateness, OpenLoop, OutputError, Readings
 from simtune.fit.lateness import is_too_late
 from simtune.observation import finds_offset
-from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import at_most_weak
@@ -78,7 +77,7 @@ class ReadingsSearch:
         if len(shown) == len(simulator.space):
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
-        self.first = self.distribution = Distribution.first(simulator.space, context.start)
+        self.first = self.distribution = context.first
         self.stop_reason = ""
         # Whether two fits agree, and residuals match the declared noise; whether no delay is left
         # that the fit cannot describe, and other parameters may have taken its place

@@ -173,9 +173,10 @@ def _warnings(
     sensors = joints_of(observation.sensors)
     is_declared = np.isfinite(declared_noise(sensors))
     is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
-    off = judged.noise > FAR_MORE * usual_noise(sensors)
-    untested = off & ~is_declared & is_place  # what is usual of speeds differs too much
-    for said, which in ((_UNEXPLAINED, off & is_declared), (_UNTESTED, untested)):
+    off = unexplained(judged.noise, sensors)
+    far = judged.noise > FAR_MORE * usual_noise(sensors)
+    untested = far & ~is_declared & is_place  # what is usual of speeds differs too much
+    for said, which in ((_UNEXPLAINED, off), (_UNTESTED, untested)):
         labels = [n for n, is_it in zip(observation.reading_labels, which, strict=True) if is_it]
         warnings += [said.format(", ".join(labels))] if labels else []
     return warnings
