@@ -131,17 +131,15 @@ class ReplayFit:
         """Fit what pictures show besides motion, in the states in which they were taken."""
         if not len(self._appearance):
             return PictureFit.of_nothing()  # without drawing a thousand pictures for it
-        physics = self._setup.physics
-        seen = states_in_late_pictures(physics.simulator, motion.full_states, motion.late_steps)
+        simulator = self._setup.physics.simulator
+        seen = states_in_late_pictures(simulator, motion.full_states, motion.late_steps)
         return fit_window_pictures(
-            physics,
-            self._setup.prior_std,
+            self._setup,
             replace(motion, full_states=seen),
             observed,
             parameters,
             self._appearance,
             self._photometry,
-            self._setup.config.num_pictures,
         )
 
     def _claimed(
@@ -195,8 +193,7 @@ class ReplayFit:
         moved farther from the start than the two began. If the horizon is extended from the middle,
         that result replaces it; half of the change counts as an error, too, since longer windows
         may be as biased as the short ones were. `until_s`: see `extend_horizon`; None: no longer
-        windows. Also returns the fit of the short windows, whose
-        states are closer to the pictures.
+        windows. Also returns the fit of the short windows, whose states are closer to the pictures.
         """
         shooting = self._setup.shooting(self._setup.moving, lateness=observed.lateness)
         unit = self.space.to_unit(start.parameters)

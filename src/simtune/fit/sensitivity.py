@@ -90,18 +90,18 @@ def analyze(
         error = _colour_error(seen.share * math.prod(simulator.shape), observation)
         by_picture = step * error / np.maximum(seen.levels, 1e-9)
     return Sensitivity(
-        nominal,
-        np.diag(changed),
-        seen.levels,
-        seen.share,
-        seen.rms,
-        seen.largest,
-        std,
-        (by_picture**-2 + prior**-2) ** -0.5,
-        width,
-        covariance / np.outer(std, std) - np.eye(len(space)),
-        bool(simulator.views),
-        readings,
+        parameters=nominal,
+        changed=np.diag(changed),
+        levels=seen.levels,
+        pixel_share=seen.share,
+        rms_px=seen.rms,
+        largest_px=seen.largest,
+        motion_std=std,
+        picture_std=(by_picture**-2 + prior**-2) ** -0.5,
+        first_width=width,
+        correlation=covariance / np.outer(std, std) - np.eye(len(space)),
+        sees_pictures=bool(simulator.views),
+        readings=readings,
     )
 
 

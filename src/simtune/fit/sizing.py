@@ -84,9 +84,9 @@ def fit_to_budget(
 ) -> FitConfig:
     """With as many particles and windows as `seconds` allow, particles first.
 
-    With the fewest that tell enough it may take longer. If that exceeds `at_most_s`, the fewest
+    The fewest that tell enough may take longer than that. If they exceed `at_most_s`, the fewest
     windows that tell anything are taken. Longer windows must end within a share of `at_most_s`:
-    if the data say little, all lengths are tried, and no time would be left for refits.
+    if the data say little, every length is tried, and no time would be left for refits.
     """
     if not np.isfinite(seconds):
         return config

@@ -1,1 +1,1 @@
-"""How far a fit can be trusted: fits of known worlds, and what they tell of it."""
+"""How far a fit can be trusted: fits of known worlds, and what they say about it."""

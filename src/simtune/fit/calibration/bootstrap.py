@@ -1,4 +1,4 @@
-"""What fits of known worlds tell of a fit: how far it can be trusted.
+"""What fits of known worlds say about a fit: how far it can be trusted.
 
 Such refits show how large errors are relative to the standard deviations that fits claim, and how
 large a misfit is when the simulator is right.

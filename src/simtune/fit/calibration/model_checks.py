@@ -27,7 +27,7 @@ _NOTHING_FOUND = (
 
 
 def has_comparison(bootstrap: Bootstrap) -> bool:
-    """Whether known worlds tell how far off the motion of a right simulator is."""
+    """Whether known worlds show how far off the motion of a right simulator is."""
     return any(np.isfinite(known.motion).any() for known in bootstrap.misfits)
 
 

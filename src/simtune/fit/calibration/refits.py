@@ -95,7 +95,7 @@ def _world_near(
 
 
 def _compared(fit: FitResult, refits: list[_Refit]) -> Bootstrap:
-    """What the `refits` tell of the `fit`.
+    """What the `refits` say about the `fit`.
 
     If all failed to converge, the real fit may have as well: keep them. Else neither errors nor
     misfits of those that failed count: beside theirs, any misfit would look usual.

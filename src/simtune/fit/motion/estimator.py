@@ -46,7 +46,7 @@ class StateEstimator:
         inputs = _inputs(observed, np.asarray(action_scale))
         features = space.features(states)
         flat = features[:num_trained].reshape(-1, features.shape[-1])
-        # An object that is flung away would make all else seem to stand still.
+        # One object that is flung away would widen the scale until all other states look alike.
         flat = flat.clip(*np.quantile(flat, _USUAL, axis=0))
         mean, std = flat.mean(0), flat.std(0) + 1e-6
         goal = ((features - mean) / std).clip(-_FARTHEST, _FARTHEST)

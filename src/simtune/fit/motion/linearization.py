@@ -12,6 +12,7 @@ from simtune.fit.lateness import Lateness
 from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.shooting_config import Spans
 from simtune.fit.motion.windows import Windows
+from simtune.fit.normal_equations import NormalEquations, eliminate
 from simtune.fit.physics import Physics, is_lost
 
 _SMALLEST_DELTA = 1e-5  # of a state's unknowns
@@ -37,16 +38,6 @@ class WindowSlopes(NamedTuple):
     predicted: np.ndarray  # (W, K, D)
     by_state: np.ndarray  # (W, F, K, D)
     by_parameter: np.ndarray  # (W, P, K, D)
-
-
-class NormalEquations(NamedTuple):
-    """Of W windows with F unknowns of the initial state each, P parameters, Q common errors."""
-
-    hessian: np.ndarray  # (W, F, F) H, of the states
-    cross: np.ndarray  # (W, F, P + Q) C, states by shared unknowns
-    gradient: np.ndarray  # (W, F) g, of the states
-    information: np.ndarray  # (W, P + Q, P + Q) B − Cᵀ H⁻¹ C, of the shared unknowns
-    shared_gradient: np.ndarray  # (W, P + Q) b − Cᵀ H⁻¹ g
 
 
 class WindowPlayer:
@@ -111,8 +102,8 @@ class WindowPlayer:
         units[sides, np.tile(self._fitted, 2)] = np.concatenate([above, below])
         _, predicted = self.play(windows, states, units)
         change = (predicted[1:] - predicted[0]).swapaxes(0, 1)
-        # A window whose changed world diverges seemed to know what was changed perfectly: the
-        # change is that of a motion to what nothing is like.
+        # A world that diverges predicts what nothing is like: so large a change would make the
+        # window seem to know exactly what was changed.
         lost = is_lost(predicted[1:]).T
         change[lost] = 0.0
         by_state = change[:, :num_states] / self._delta[:, None, None]
@@ -140,7 +131,7 @@ class WindowPlayer:
             H = Jᵀ W J + S⁻²     C = Jᵀ W K     B = Kᵀ W K
             g = Jᵀ W r + S⁻¹ pull               b = Kᵀ W r
 
-        and the states are eliminated by the Schur complement of H.
+        and `eliminate` leaves the P parameters and Q common errors.
         """
         predicted, by_state, by_parameter = slopes
         by_common = directions(windows.evidence)[None, :, None]  # (1, Q, 1, D)
@@ -157,17 +148,12 @@ class WindowPlayer:
         hessian = np.einsum("wsm,wm,wtm->wst", jacobian, w, jacobian, optimize=True)
         hessian += np.diag(prior**-2)
         cross = np.einsum("wsm,wm,wpm->wsp", jacobian, w, sensitivity, optimize=True)
-        information = np.einsum("wpm,wm,wqm->wpq", sensitivity, w, sensitivity, optimize=True)
+        direct = np.einsum("wpm,wm,wqm->wpq", sensitivity, w, sensitivity, optimize=True)
         gradient = np.einsum("wsm,wm,wm->ws", jacobian, w, r) + pull / prior
-        shared_gradient = np.einsum("wpm,wm,wm->wp", sensitivity, w, r)
+        direct_gradient = np.einsum("wpm,wm,wm->wp", sensitivity, w, r)
         # Undamped: a window with damped, fixed states would seem to know the parameters well.
-        follow = np.linalg.solve(ridged(hessian), cross)  # H⁻¹ C
-        equations = NormalEquations(
-            hessian,
-            cross,
-            gradient,
-            information - cross.swapaxes(1, 2) @ follow,
-            shared_gradient - np.einsum("wsp,ws->wp", follow, gradient),
+        equations = eliminate(
+            hessian, cross, gradient, direct, direct_gradient, ridged=ridged(hessian)
         )
         return equations, -windows.evidence.log_likelihood(predicted, blur)
 

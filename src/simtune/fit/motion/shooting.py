@@ -3,7 +3,7 @@
 Each window's initial state is unknown as well (Bock and Plitt 1984), so that errors do not grow and
 contacts are not followed for long. Gauss-Newton finds parameters and initial states together;
 finite differences are cheap, since all perturbed worlds run in one batch. If short windows do not
-tell enough, they are extended as long as the motion is explained as well: a slow swing shows its
+tell enough, they are extended for as long as they still explain the motion: a slow swing shows its
 period late.
 """
 
@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,8 @@ from simtune.fit.physics import Physics
 
 _STATES_ONLY = 3.0  # above this blur only the states move
 _FIRST_DAMPING = 1e-2
-_DERIVED_EVERY_WITH_LAGS = 2  # iterations: a window's first actuator state changes, too
+# Iterations: the actuator state at a window's start also depends on the lag
+_DERIVED_EVERY_WITH_LAGS = 2
 _FULL_STEPS = 3  # iterations of a stage; later ones take half of each parameter step
 _EXTENDED_BLUR = 3.0
 _LAG_DELTA = 0.01  # in unit coordinates
@@ -50,6 +52,15 @@ class ShootingFit:
     state_std: np.ndarray
     late_steps: float = 0.0  # lateness of pictures; 0 if it is not fitted
     late_std: float = 0.0  # its standard deviation
+
+
+class _Ended(NamedTuple):
+    """Where the last step of a descent ended."""
+
+    windows: Windows
+    point: LinearizationPoint
+    covariance: np.ndarray  # (P, P) of the parameters, and of the lateness if it is fitted
+    hessian: np.ndarray | None  # (W, F, F) of the windows' initial states; None without any step
 
 
 class Shooting:
@@ -79,7 +90,8 @@ class Shooting:
         """From first guesses at the (E, T + 1, nq + nv) states and the (N,) parameters."""
         unit = self._begin(parameters)
         replay = partial(self._replay_actuators, observed.actions, states)
-        return self._fit(self._cut(observed, states, unit), unit, self.config.stages, replay)
+        windows = self._cut(observed, states, unit)
+        return self._result(self._descend(windows, unit, self.config.stages, replay))
 
     def extend_horizon(
         self,
@@ -116,7 +128,7 @@ class Shooting:
             # Blurred at first: a motion that ends far away after such a time is no outlier yet.
             count = config.longer_iterations
             stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
-            found = self._fit(longer, unit, stages, replay)
+            found = self._result(self._descend(longer, unit, stages, replay))
             took_s = time.monotonic() - began_s
             if np.median(found.misfit) > limit:
                 break
@@ -142,20 +154,18 @@ class Shooting:
         shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
         return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)[:num, :num]
 
-    def _fit(
+    def _descend(
         self,
         whole: Windows,
         unit: np.ndarray,
         stages: tuple[Stage, ...],
         replay: Callable[[np.ndarray], np.ndarray],
-    ) -> ShootingFit:
+    ) -> _Ended:
         """From unknowns in unit coordinates; `replay` is `_replay_actuators` as their function."""
-        windows, num = whole, len(whole.states)
-        damping = np.full(num, _FIRST_DAMPING)
-        point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
-        fitted, late = np.split(self._step.fitted, [len(self.fitted)])
+        windows, hessian = whole, None
         covariance = np.zeros((len(self._step.fitted),) * 2)
-        hessian = None
+        damping = np.full(len(whole.states), _FIRST_DAMPING)
+        point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
         period = _DERIVED_EVERY_WITH_LAGS if self._lags else DERIVED_EVERY
         for stage in stages:
             windows = whole.first(stage.window)
@@ -170,21 +180,29 @@ class Shooting:
                 taken = self._step.take(windows, point, slopes, share, stage.blur)
                 point, covariance, predicted, hessian = taken
                 slopes = slopes._replace(predicted=predicted)
-        player = self._step.player
+        return _Ended(windows, point, covariance, hessian)
+
+    def _result(self, ended: _Ended) -> ShootingFit:
+        """Play the windows once more, to see how well they are explained."""
+        windows, point, covariance, hessian = ended
+        num, player, evidence = len(self.fitted), self._step.player, windows.evidence
+        fitted, late = np.split(self._step.fitted, [num])
+        late_steps, late_std = Lateness.found(point.unit[late], covariance[num:, num:])
         full_states, predicted = player.play(windows, point.states[None], point.unit[None])
-        evidence, num_frames = windows.evidence, predicted.shape[2]
+        count = predicted.shape[2] * evidence.num_observations  # of a window
         if len(point.common):
             predicted = predicted + point.common @ directions(evidence)
         return ShootingFit(
-            point.unit[fitted],
-            covariance[: len(fitted), : len(fitted)],
-            full_states[0],
-            windows.episode,
-            windows.step,
-            -evidence.log_likelihood(predicted[0]) / (num_frames * evidence.num_observations),
-            evidence.distances(predicted[0]),
-            self._prior_std if hessian is None else self._step.state_std(hessian),
-            *Lateness.found(point.unit[late], covariance[len(fitted) :, len(fitted) :]),
+            unit=point.unit[fitted],
+            covariance=covariance[:num, :num],
+            full_states=full_states[0],
+            episode=windows.episode,
+            step=windows.step,
+            misfit=-evidence.log_likelihood(predicted[0]) / count,
+            distances=evidence.distances(predicted[0]),
+            state_std=self._prior_std if hessian is None else self._step.state_std(hessian),
+            late_steps=late_steps,
+            late_std=late_std,
         )
 
     def _with_lags(

@@ -15,7 +15,7 @@ class Stage(NamedTuple):
 
 
 class Spans(NamedTuple):
-    """How far the differences reach that stand for derivatives."""
+    """Steps of the finite differences."""
 
     state: float = 0.03  # in the standard deviation of first guesses
     unit: float = 0.5  # of parameters, in the standard deviation between windows
@@ -34,7 +34,7 @@ class ShootingConfig:
     def where_joints_are_known(self) -> "ShootingConfig":
         """Long windows at once, since only objects may go astray in them.
 
-        What pushes them makes their motion rough: slopes across a short span lead nowhere. In seven
+        What pushes them makes their motion rough: slopes across a short span are noise. In seven
         worlds of a pusher and a box, friction was off by .019 on average, before by .054, in unit
         coordinates; with ALOHA's arms a box's friction by .009, before by .03.
         """

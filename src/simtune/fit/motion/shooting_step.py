@@ -10,7 +10,6 @@ from simtune.fit.lateness import Lateness
 from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.linearization import (
     LinearizationPoint,
-    NormalEquations,
     WindowPlayer,
     WindowSlopes,
     diagonal,
@@ -18,6 +17,7 @@ from simtune.fit.motion.linearization import (
 )
 from simtune.fit.motion.shooting_config import Spans
 from simtune.fit.motion.windows import Windows
+from simtune.fit.normal_equations import NormalEquations
 from simtune.fit.physics import Physics
 
 _PRIOR = 3.0  # factor on the std of first guesses: the estimator overstates its accuracy
@@ -37,6 +37,14 @@ class Stepped(NamedTuple):
     covariance: np.ndarray  # (P, P) of the parameters
     predicted: np.ndarray  # (W, K, D) at the point
     hessian: np.ndarray  # (W, F, F) of the windows' initial states
+
+
+class _Proposal(NamedTuple):
+    """Where a step leads, before it is known whether costs fall."""
+
+    unit: np.ndarray  # (N,) parameters; (N + 1,) with the lateness of pictures
+    common: np.ndarray  # (Q,) common errors
+    states: np.ndarray  # (2, W, nq + nv) of the windows: moved, and as they were
 
 
 class ShootingStep:
@@ -95,7 +103,7 @@ class ShootingStep:
         """
         prior = self._prior_std * (_LAST_PRIOR if blur <= 1 else 1.0)
         pull = self._pull(point.states, windows, prior)  # (W, F)
-        by_common, num = directions(windows.evidence), len(self.fitted)
+        by_common = directions(windows.evidence)
         common = point.common if len(point.common) else np.zeros(len(by_common))
         seen = slopes._replace(predicted=slopes.predicted + common @ by_common)
         equations, cost = self.player.linearize(windows, seen, pull, prior, blur)
@@ -107,45 +115,47 @@ class ShootingStep:
             trust / (1 + point.damping),
             common,
         )
-        step = combined.step(point.unit[self.fitted], _LARGEST_STEP)  # (P + Q,)
-        step *= share * point.step_scale
-        unit, found = point.unit.copy(), common + step[num:]
-        unit[self.fitted] = np.clip(unit[self.fitted] + step[:num], 0, 1)
-        change = np.concatenate([unit[self.fitted] - point.unit[self.fitted], step[num:]])
-        states = np.stack([self._move_states(point, equations, change), point.states])
-        costs, predicted = self._costs(windows, states, unit, found @ by_common, prior, blur)
-        before = cost + 0.5 * np.square(pull).sum(-1)
+        whole = combined.step(point.unit[self.fitted], _LARGEST_STEP)  # (P + Q,)
+        proposal = self._propose(point, equations, share * point.step_scale * whole, common)
+        costs, predicted = self._costs(windows, proposal, prior, blur)
+        before, found = cost + 0.5 * np.square(pull).sum(-1), proposal.common
         rise = 0.5 * (found @ found - common @ common) / COMMON_STD**2
         if trust @ costs.min(0) + rise > trust @ before:  # beyond the linear range
             shorter = replace(point, step_scale=point.step_scale / 4)
             return Stepped(shorter, combined.covariance, slopes.predicted, equations.hessian)
         is_better = costs[0] < costs[1]
-        after = LinearizationPoint(
-            np.where(is_better[:, None], *states),
-            unit,
-            np.where(is_better, point.damping / 4, point.damping * 8).clip(*_DAMPING),
-            combined.variance,
-            min(1.0, 2 * point.step_scale),
-            found,
-        )
+        after = _accepted(point, proposal, is_better, combined.variance)
         reached = np.where(is_better[:, None, None], *predicted)
         return Stepped(after, combined.covariance, reached, equations.hessian)
 
-    def _costs(
+    def _propose(
         self,
-        windows: Windows,
-        states: np.ndarray,
-        unit: np.ndarray,
+        point: LinearizationPoint,
+        equations: NormalEquations,
+        step: np.ndarray,
         common: np.ndarray,
-        prior: np.ndarray,
-        blur: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(2, W) costs from either of (2, W, nq + nv) states, and (2, W, K, D) what is predicted.
+    ) -> _Proposal:
+        """The result of a (P + Q,) step of the shared unknowns, from `point` and `common`, (Q,).
 
-        `common`: what errors common to all windows add to it.
+        Parameters stay within their bounds; states follow the step that is left.
         """
+        unit, num = point.unit.copy(), len(self.fitted)
+        unit[self.fitted] = np.clip(unit[self.fitted] + step[:num], 0, 1)
+        change = np.concatenate([unit[self.fitted] - point.unit[self.fitted], step[num:]])
+        states = np.stack([self._move_states(point, equations, change), point.states])
+        return _Proposal(unit, common + step[num:], states)
+
+    def _costs(
+        self, windows: Windows, proposal: _Proposal, prior: np.ndarray, blur: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(2, W) costs from either of the proposed states, and (2, W, K, D) predictions.
+
+        Predictions are without the common errors.
+        """
+        states, unit = proposal.states, proposal.unit
         _, predicted = self.player.play(windows, states, np.stack([unit, unit]))
         pulls = np.stack([self._pull(either, windows, prior) for either in states])
+        common = proposal.common @ directions(windows.evidence)
         costs = -windows.evidence.log_likelihood(predicted + common, blur)
         return costs + 0.5 * np.square(pulls).sum(-1), predicted
 
@@ -173,3 +183,20 @@ class ShootingStep:
     def _pull(self, states: np.ndarray, windows: Windows, prior: np.ndarray) -> np.ndarray:
         """(W, F) S⁻¹ (x ⊖ x̄), with S = diag(prior)."""
         return self._space.difference(states, windows.states)[:, self.player.unknown] / prior
+
+
+def _accepted(
+    point: LinearizationPoint, proposal: _Proposal, is_better: np.ndarray, variance: float
+) -> LinearizationPoint:
+    """The proposal; windows keep their states where these are not better, (W,) bool.
+
+    `variance`: between windows. Steps grow back to full ones.
+    """
+    return LinearizationPoint(
+        states=np.where(is_better[:, None], *proposal.states),
+        unit=proposal.unit,
+        damping=np.where(is_better, point.damping / 4, point.damping * 8).clip(*_DAMPING),
+        variance=variance,
+        step_scale=min(1.0, 2 * point.step_scale),
+        common=proposal.common,
+    )

@@ -31,8 +31,8 @@ def uncertain_poses(
 
     It is what a single frame leaves open of each position alone, if its observations have noise
     `scale`, (K,). Other frames say more, unless the detector's errors are the same in all of them.
-    At most `largest`, (2 nv,); 0: known. Positions that joint readings tell so well that no picture
-    shows what is left open are left out; the first `num_shown` observations are those of pictures.
+    At most `largest`, (2 nv,); 0: known. Positions that joint readings determine so well that no
+    picture shows the rest are left out; the first `num_shown` observations are those of pictures.
     """
     space, num = physics.space, len(full_states)
     nv, states = space.nv, physics.states(full_states)
@@ -46,7 +46,7 @@ def uncertain_poses(
     slopes = (seen[1:] - seen[:1]) / delta[:, None, None]  # (F, M, K)
     information = np.square(slopes).sum(-1).T  # (M, F)
     std = 1 / np.sqrt(information + largest[unknown] ** -2.0)
-    # What readings do not tell may show in ways that keypoints miss: a turning ball.
+    # What readings leave open may show in ways that keypoints miss: a turning ball.
     is_read = (slopes[..., num_shown:] != 0).any((1, 2))
     shows = np.abs(slopes[..., :num_shown] * std.T[..., None]).max((1, 2), initial=0) > _SHOWS
     open_to = ~is_read | shows
@@ -65,9 +65,10 @@ def align_to_images(
 
     `render`: as `Simulator.render`. Places are tried so close together that neighbouring pictures
     look alike, or 400 of them. A repeating floor looks nearly right in many places, and a lamp
-    makes each differently bright, so missing the right one gives wrong colours. Also returns the (2
-    nv,) distance at which pictures would be just so alike, or that of the places if these are
-    farther apart: errors up to it change a picture evenly.
+    makes each differently bright, so missing the right one gives wrong colours.
+
+    Also returns the (2 nv,) distance at which pictures are barely alike, or that between places if
+    it is larger: errors up to it change a picture evenly.
     """
     real = frames.reshape(len(frames), -1).astype(np.float32)
     along = _Along(render, full_states, parameters, space, tangent)

@@ -92,7 +92,7 @@ class PictureScene:
     def is_overexposed(self, frames: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """(M, pixels) bool: saturated both in (M, H, W, 3) frames and in what was drawn last.
 
-        Nothing tells how much brighter such a pixel would be, so it must not hold back a colour
+        Nothing shows how much brighter such a pixel would be, so it must not hold back a colour
         that other pixels make brighter. `noise`: (M, pixels). Both are of the full scale.
         """
         num = len(frames)

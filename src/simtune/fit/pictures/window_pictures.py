@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from simtune.fit.fit_setup import FitSetup
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
@@ -18,21 +19,20 @@ _MOTION_STDS = 3.0  # errors of a motion's fit considered, in standard deviation
 
 
 def fit_window_pictures(
-    physics: Physics,
-    prior_std: np.ndarray,
+    setup: FitSetup,
     motion: ShootingFit,
     observed: Observed,
     parameters: np.ndarray,
     shown: np.ndarray,
     photometry: Photometry,
-    num: int,
 ) -> PictureFit:
-    """Fit parameters `shown`, (V,) indices, to `num` pictures of the windows of `motion`.
+    """Fit parameters `shown`, (V,) indices, to pictures of the windows of `motion`.
 
-    `prior_std`: (2 nv,) usual errors of a first guess at a state; `parameters`: (N,) initial.
+    `parameters`: (N,) initial.
     """
+    physics, prior_std = setup.physics, setup.prior_std
     parameters = np.where(photometry.is_known, photometry.known, parameters)
-    chosen, step = well_fitted(physics, motion, observed, parameters, num)
+    chosen, step = well_fitted(physics, motion, observed, parameters, setup.config.num_pictures)
     places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
     frames = np.stack([observed.frames[episode][t] for episode, t in places])
     full_states, scale = motion.full_states[chosen, step], observed.evidence.scale
@@ -77,7 +77,7 @@ def _unobserved(physics: Physics, prior_std: np.ndarray, scale: np.ndarray) -> n
     """(D, 2 nv) changes of position, as large as the prior allows, that no sensor observes.
 
     For example with a camera that follows the robot: only the ground's texture shows its travel,
-    and only contacts tell its height.
+    and only contacts determine its height.
     """
     space, parameters = physics.space, physics.parameters
     changes = np.diag(_PRIOR_STDS * prior_std)[: space.nv]

@@ -25,10 +25,9 @@ def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> Stre
     """Derivatives by each parameter and initial state, by central differences.
 
     One-sided differences would seem to separate parameters with the same effect, such as a servo's
-    kv and its joint's damping, by their curvature. After a contact the least change may throw a
-    motion elsewhere; such a derivative is noise, but looks very informative. So derivatives are
-    shrunk by how well both sides agree. `one_sided`: faster and slightly wrong, used where nothing
-    can touch.
+    kv and its joint's damping, by their curvature. After a contact the smallest change may lead
+    elsewhere; such a derivative is noise, but looks very informative. So derivatives are shrunk by
+    how well both sides agree. `one_sided`: faster and slightly wrong, used where nothing can touch.
     """
     delta = _deltas(loop, where.unit)
     number = np.arange(len(delta))

@@ -3,7 +3,7 @@
 If everything is read except loose objects, the parameters that the readings determined give the
 robot's states: an open-loop replay, corrected by what readings differ from it for longer than noise
 does. Then only the objects' states are unknown in windows. That is a third of the unknowns, and
-windows can be longer: with ALOHA's arms, a box's mass can at best be told to 6 % instead of 19 %.
+windows can be longer: with ALOHA's arms, a box's mass can at best be known to 6 %, not to 19 %.
 """
 
 from dataclasses import dataclass, replace
@@ -98,7 +98,7 @@ def keep_moved_keypoints(
 ) -> Observed:
     """Only the evidence of keypoints that something unknown moves.
 
-    Those of a robot whose motion is known tell nothing, but how badly they are found would count.
+    Those of a robot whose motion is known say nothing new, but their detection errors would count.
     `states`: (n, nq + nv) some; `state_std`: (2 nv,) 0 where states are known; `unit`: (N,)
     parameters in unit coordinates, of which those `fitted`, (P,) indices, are unknown.
     """
@@ -115,8 +115,9 @@ def keep_moved_keypoints(
 def left_open(loop: OpenLoop, keypoints: Keypoints, parameters: np.ndarray) -> np.ndarray:
     """(L,) bool: keypoints of what readings leave open, in a world of (N,) parameters.
 
-    Those are of loose objects; but all, if not everything else is read, or if a parameter moves
-    keypoints by itself, such as a camera's pose. Fewer are learnt sooner, and better.
+    Those are of loose objects. They are all keypoints if anything else is not read, or if a
+    parameter moves keypoints by itself, such as a camera's pose. Fewer are learnt sooner and
+    better.
     """
     simulator, all_of_them = loop.physics.simulator, np.ones(len(keypoints), bool)
     if loop.unseen or not loop.knows_all_but_objects:

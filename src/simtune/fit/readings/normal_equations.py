@@ -1,30 +1,13 @@
 """Normal equations of parameters and offsets from stretches whose initial states are unknown."""
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from simtune.fit.normal_equations import NormalEquations, eliminate
 from simtune.fit.readings.residuals import HUBER
 from simtune.fit.readings.slopes import StretchSlopes
 
 _RIDGE = 1e-9  # of information
-
-
-class NormalEquations(NamedTuple):
-    """Of W stretches: each one's initial state, and the shared unknowns with that eliminated."""
-
-    hessian: np.ndarray  # (W, S, S)
-    cross: np.ndarray  # (W, S, P + offsets)
-    gradient: np.ndarray  # (W, S)
-    information: np.ndarray  # (W, P + offsets, P + offsets)
-    slope: np.ndarray  # (W, P + offsets)
-
-    def promised(self, information: np.ndarray, slope: np.ndarray) -> float:
-        """Decrease of the cost in a full linear step; arguments: sums over all, with the prior."""
-        of_shared = slope @ np.linalg.solve(information, slope)
-        own = np.linalg.solve(self.hessian, self.gradient[..., None])[..., 0]
-        return float(of_shared + (self.gradient * own).sum()) / 2
 
 
 def by_shared(
@@ -33,7 +16,7 @@ def by_shared(
     """(W, P + offsets, K + 1, D) derivatives of residuals by parameters and offsets, A_(θ, b).
 
     An offset shifts predictions. Initial states x̄(θ, b) that readings give follow an offset and a
-    lateness; if they did not, their prior would tell of both what nothing shows:
+    lateness; if they did not, their prior would seem to inform about both:
 
         dr/d(θ, b) = ∂r/∂(θ, b) + ∂r/∂x · dx̄/d(θ, b)
 
@@ -61,7 +44,7 @@ def normal_equations(
 
         H = A_x V A_xᵀ + 1    C = A_x V A_θᵀ    B = A_θ V A_θᵀ
 
-    and the information is the Schur complement B − Cᵀ H⁻¹ C.
+    and `eliminate` leaves what is shared.
     """
     num = len(residuals)
     r = (residuals / noise).reshape(num, -1)
@@ -75,25 +58,23 @@ def normal_equations(
     hessian = weighted @ by_start.swapaxes(1, 2) + np.eye(by_start.shape[1])
     cross = weighted @ by_shared.swapaxes(1, 2)
     gradient = (weighted @ r[..., None])[..., 0] + shift
-    follow = np.linalg.solve(hessian, cross)
-    information = shared @ by_shared.swapaxes(1, 2) - cross.swapaxes(1, 2) @ follow
-    slope = (shared @ r[..., None])[..., 0] - np.einsum("wsp,ws->wp", follow, gradient)
-    return NormalEquations(hessian, cross, gradient, information, slope)
+    direct, direct_gradient = shared @ by_shared.swapaxes(1, 2), (shared @ r[..., None])[..., 0]
+    return eliminate(hessian, cross, gradient, direct, direct_gradient)
 
 
 def jackknife(equations: NormalEquations, information: np.ndarray) -> np.ndarray:
     """(P + offsets,) standard deviations, by leaving out each stretch in turn (Tukey 1958).
 
     Each takes one Newton step from the full solution: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. This captures
-    differences between episodes, such as the load in the hand. A single one tells nothing of it: 0.
+    differences between episodes, such as the load in the hand. A single one shows none: 0.
     `information`: of all, with the prior.
     """
     if len(equations.information) == 1:
         return np.zeros(len(information))
-    # An offset of what was read in one stretch alone is not known without that: a ridge.
+    # Without the only stretch in which a sensor was read its offset is unknown: a ridge.
     ridge = _RIDGE * np.diag(np.diag(information))
     left = information - equations.information + ridge  # (W, P, P)
-    return jackknife_std(np.linalg.solve(left, equations.slope[..., None])[..., 0])
+    return jackknife_std(np.linalg.solve(left, equations.shared_gradient[..., None])[..., 0])
 
 
 def jackknife_std(moved: np.ndarray) -> np.ndarray:

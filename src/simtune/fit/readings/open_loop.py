@@ -64,7 +64,7 @@ class OpenLoop:
 
     @property
     def knows_all_but_objects(self) -> bool:
-        """Whether readings, and what is driven, tell all states but loose objects'.
+        """Whether readings, and what is driven, determine all states but loose objects'.
 
         Not those of a door or a lid: whatever touches it moves it, and only pictures show that.
         """
@@ -164,7 +164,7 @@ class OpenLoop:
         return states
 
     def _per_step(self, states: np.ndarray) -> np.ndarray:
-        """(E, T + 1, 2 nv) by how much states have moved on, per step by which they are read late.
+        """(E, T + 1, 2 nv) change of states per step of lateness of the readings.
 
         Extrapolated from (E, T + 1, nq + nv) states as read.
         """

@@ -24,8 +24,9 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit.lateness import Lateness
+from simtune.fit.normal_equations import NormalEquations
 from simtune.fit.readings.differences import differentiate, refresh
-from simtune.fit.readings.normal_equations import NormalEquations, jackknife, jackknife_std
+from simtune.fit.readings.normal_equations import jackknife, jackknife_std
 from simtune.fit.readings.open_loop import OpenLoop
 from simtune.fit.readings.replay_cost import Guess, Point, ReplayCost
 from simtune.fit.readings.residuals import correlation_times, spread

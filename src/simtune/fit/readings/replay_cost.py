@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import step_within_bounds
+from simtune.fit.normal_equations import NormalEquations
 from simtune.fit.readings.differences import Where
-from simtune.fit.readings.normal_equations import NormalEquations, by_shared, normal_equations
+from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoop
 from simtune.fit.readings.residuals import HUBER
 from simtune.fit.readings.slopes import StretchSlopes
@@ -103,7 +104,7 @@ class ReplayCost:
 
     def with_prior(self, equations: NormalEquations, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Information and slope of all stretches, and of the priors of parameters and offsets."""
-        information, slope = equations.information.sum(0), equations.slope.sum(0)
+        information, slope = equations.information.sum(0), equations.shared_gradient.sum(0)
         precision, away = self._prior(point)
         return information + np.diag(precision), slope + precision * away
 

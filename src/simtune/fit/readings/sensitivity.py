@@ -104,12 +104,12 @@ class ReplayedReadings:
             raise RuntimeError(_ASTRAY)
         away = (predicted[1:] - predicted[0])[:, kept]
         return ReadingChanges(
-            self._labels,
-            units_of(self._loop.sensors),
-            np.sqrt(np.square(away).mean((1, 2))),
-            np.abs(away).max((1, 2)),
-            noise,
-            self._information(self._stretches.of(kept), noise),
+            labels=self._labels,
+            units=units_of(self._loop.sensors),
+            rms=np.sqrt(np.square(away).mean((1, 2))),
+            largest=np.abs(away).max((1, 2)),
+            noise=noise,
+            information=self._information(self._stretches.of(kept), noise),
         )
 
     def _information(self, stretches: Stretches, noise: np.ndarray) -> np.ndarray:
