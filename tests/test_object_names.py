@@ -98,6 +98,7 @@ def test_objects_are_named_by_patterns_and_by_what_they_belong_to(objects):
         "joint 1",
     )
     assert objects("mass", "['forearm', 'for*']") == ("forearm",)
+    assert objects("gravity_compensation", "'[!r]*'") == ("forearm", "body 2")  # not the world
 
 
 @pytest.mark.parametrize(
@@ -108,6 +109,7 @@ def test_objects_are_named_by_patterns_and_by_what_they_belong_to(objects):
         ("gain", "'actuator of joint 1'", "joint 'joint 1' has no actuator"),
         ("gain", "'right_*'", r"no actuator 'right_\*' in the model; (did you|there are)"),
         ("mass", "'geoms of forearm'", "no body 'geoms of forearm' in the model"),
+        ("gravity_compensation", "'*'", "rock cannot move, so its gravcomp changes nothing"),
         ("gain", "['left_wrist', 'left_wrist']", "'left_wrist' is named twice"),
         ("tendon_damping", "'rope'", "no tendon 'rope' in the model, which has none"),
     ],

@@ -591,6 +591,10 @@ def numbers(parameter: Parameter) -> tuple:
         ("kind = 'armature'\nobjects = 'sled'", (0.1, 0.01, 1.0, "log", "kg")),
         ("kind = 'friction'\nobjects = 'block'", (1.0, 0.1, 10.0, "log", "1")),
         ("kind = 'size'\nobjects = 'bob'\ncomponent = 0", (0.04, 0.004, 0.4, "log", "m")),
+        (  # not above the sum of the other two
+            "field = 'body_inertia'\nobjects = 'bob'\ncomponent = 0",
+            (1.28e-4, 1.28e-5, 2.56e-4 * (1 - 1e-5), "log", "1"),
+        ),
         ("kind = 'gain'\nobjects = 'shoulder'", (20.0, 2.0, 200.0, "log", "1")),
         ("kind = 'gear'\nobjects = 'sled'\nunit = 'N'", (4.0, 0.4, 40.0, "log", "N")),
         ("kind = 'delay'\nobjects = 'sled'\nhigh = 0.1", (0.0, 0.0, 0.1, "linear", "s")),
@@ -1005,6 +1009,9 @@ def test_a_model_that_was_exported_can_be_tuned_again(folder, load):
     assert camera_of(again)[0][1] == pytest.approx(-3)
 
 
+ONE = "\ncomponent = 1\nnominal = 0.5\nlow = 0.1\nhigh = 1"
+
+
 @pytest.mark.parametrize(
     ("parameter", "line", "message"),
     [
@@ -1018,6 +1025,43 @@ def test_a_model_that_was_exported_can_be_tuned_again(folder, load):
         ("kind = 'gain'\nobjects = 'coil'", 7, "<dcmotor>, whose torque constant is component 1"),
         ("kind = 'gain'\nobjects = 'biceps'", 7, "muscle, whose force is component 2, or 3"),
         ("kind = 'tendon_length'\nobjects = 'rope'", 7, "rope has no limit: give it a range"),
+        (f"field = 'jnt_range'\nobjects = 'hinge'{ONE}", 7, "hinge has no limit: give it a range"),
+        (
+            f"field = 'jnt_actfrcrange'\nobjects = 'hinge'{ONE}",
+            7,
+            r'a range .*\(actuatorfrcrange="',
+        ),
+        (
+            f"field = 'actuator_ctrlrange'\nobjects = 'biceps'{ONE}",
+            7,
+            r'in the model \(ctrlrange="',
+        ),
+        (
+            f"field = 'actuator_forcerange'\nobjects = 'coil'{ONE}",
+            7,
+            r'in the model \(forcerange="',
+        ),
+        (f"field = 'actuator_actrange'\nobjects = 'coil'{ONE}", 7, r'in the model \(actrange="'),
+        (f"kind = 'size'\nobjects = 'ball'{ONE}", 8, "ball is a sphere, whose size has compo.* 0,"),
+        ("kind = 'size'\nobjects = 'ball'\nnominal = 0.1", 7, "component 0, got none: say which"),
+        (
+            f"kind = 'size'\nobjects = 'pin'{ONE}".replace("= 1", "= 2", 1),
+            8,
+            "pin is a capsule, whose size has components 0 and 1, got component = 2",
+        ),
+        (f"field = 'site_size'\nobjects = 'dot'{ONE}", 8, "dot is a sphere, whose size has com"),
+        ("kind = 'camera_pose'\nobjects = 'aimed'", 7, "aimed turns by itself, towards a body"),
+        ("field = 'cam_quat'\ncomponent = 1\nobjects = 'aimed'", 8, "aimed turns by itself"),
+        (
+            "field = 'body_inertia'\ncomponent = 2\nobjects = 'bar'\nhigh = 0.6",
+            4,
+            "x: no body has the inertia 0.6 beside the other two: expected 0.1 to 0.5, from their",
+        ),
+        (
+            "field = 'body_inertia'\ncomponent = 2\nobjects = 'bar'\nlow = 0.05",
+            9,
+            "x: no body has the inertia 0.05 beside",
+        ),
     ],
 )
 def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, refuses):
@@ -1027,7 +1071,12 @@ def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, re
   <worldbody>
     <camera name="front" pos="0 -2 .5"
     />
-    <body name="bar"><joint name="hinge"/><geom name="cube" type="mesh" mesh="tent"/></body>
+    <camera name="aimed" mode="targetbody" target="bar"/>
+    <site name="dot" size=".1"/>
+    <geom name="ball" size=".1"/>
+    <geom name="pin" type="capsule" size=".1 .1"/>
+    <body name="bar"><joint name="hinge"/><geom name="cube" type="mesh" mesh="tent"/>
+      <inertial pos="0 0 0" mass="1" diaginertia=".2 .3 .4"/></body>
   </worldbody>
   <tendon><fixed name="rope"><joint joint="hinge" coef="1"/></fixed></tendon>
   <actuator>
@@ -1047,6 +1096,8 @@ DEVICE = """<mujoco><worldbody><camera name="front" pos="0 -2 .5" resolution="64
 FROM_FRONT = "model = 'scene.xml'\ncontrol_timestep_s = 0.05\n[camera]\ncamera = 'front'\n"
 REGION = "region = { left = 0, top = 0, right = 640, bottom = 480, width = 640, height = 480 }\n"
 VIEW = "[[parameters]]\nname = 'x'\nkind = 'field_of_view'\n"
+BAR = """<mujoco><default>{}</default><worldbody>{}<body name="bar"><joint/><geom size=".1"/></body>
+</worldbody></mujoco>"""
 
 
 @pytest.mark.parametrize("more", ["", REGION])
@@ -1070,6 +1121,34 @@ def test_an_orthographic_camera_is_refused(folder, load):
     (folder / "scene.xml").write_text(text)
     with pytest.raises(InputError, match="orthographic, and a real camera has a perspective"):
         load(FROM_FRONT + VIEW)
+
+
+@pytest.mark.parametrize(
+    "default",
+    [
+        'sensorsize=".004 .003" focal=".003 .003" principal=".001 0" resolution="640 480"',
+        'sensorsize=".004 .003" focalpixel="10 10" principalpixel="3 3" resolution="640 480"',
+        'mode="trackcom"',
+        'projection="orthographic"',
+        'euler="0 0 90"',
+    ],
+)
+def test_a_posed_camera_has_nothing_of_the_models_default_one(default, folder, load):
+    pose = "position_m = [0, -2, 1]\nlook_at_m = [0, 0, 1]\nfield_of_view_deg = 42\n"
+    models = []
+    for defaults in (f"<camera {default}/>", ""):
+        (folder / "scene.xml").write_text(BAR.format(defaults, ""))
+        models.append(load(f"{HEAD}[camera]\n{pose}{VIEW}").load_model())
+    for field in ("fovy", "quat", "mode", "projection", "sensorsize", "intrinsic"):
+        here, plain = (getattr(model, f"cam_{field}") for model in models)
+        np.testing.assert_array_equal(here, plain)
+
+
+def test_a_camera_that_is_turned_to_a_region_stays_fixed(folder, load):
+    fixed = '<camera name="front" mode="fixed" pos="0 -2 0" quat="1 1 0 0"/>'
+    (folder / "scene.xml").write_text(BAR.format('<camera mode="trackcom"/>', fixed))
+    model = load(FROM_FRONT + REGION + VIEW).load_model()
+    assert model.cam_mode[0] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED
 
 
 # --- [policy] -------------------------------------------------------------------------------

@@ -146,7 +146,7 @@ class Field:
         """Reason why this object's value cannot be tuned, although it has the field; "" if none."""
         if self.name == "geom_size" and model.geom_type[rows].item() in _SHAPED_BY_ASSETS:
             return f"{name} has the size of its mesh or height field: scale that"
-        if self.name in ("body_mass", "body_inertia") and model.body_weldid[rows].item() == 0:
+        if self.name in _OF_MOVING and model.body_weldid[rows].item() == 0:
             return f"{name} cannot move, so its {self.name[5:]} changes nothing"
         if self.form == "shift" and model.joint(name).type[0] not in HINGE_OR_SLIDE:
             return f"{name} is neither a hinge nor a slide, so it has no one zero"
@@ -157,8 +157,11 @@ class Field:
                 f"{name} is no play between a motor and what it moves: declare [[backlash]] with "
                 f'joint = "{name}", and its play is "{name}_backlash"'
             )
-        if self.name == "tendon_range" and not model.tendon_limited[rows].item():
-            return f"{name} has no limit: give it a range in the model"
+        limit = _LIMITS.get(self.name) if self.form == "itself" else None
+        if limit and not getattr(model, self.name.replace("range", "limited"))[rows].item():
+            return f'{name} has no limit: give it a range in the model ({limit}="...")'
+        if self.name == "cam_quat" and model.cam_mode[rows].item() in _AIMED:
+            return f"{name} turns by itself, towards a body, so no angle of it can be tuned"
         if self.is_lag and model.actuator_dyntype[rows].item() not in FOLLOWS:
             return f"{name} has dynamics of its own (dyntype), so it can have no lag"
         return ""
@@ -188,13 +191,21 @@ def _colour(name: str, **known: Any) -> Field:
     return Field(name, is_colour=True, least=0.0, most=1.0, shows_in="appearance", **known)
 
 
-_DYN, _JNT = mujoco.mjtDyn, mujoco.mjtJoint
+_CAM, _DYN, _JNT = mujoco.mjtCamLight, mujoco.mjtDyn, mujoco.mjtJoint
 HINGE_OR_SLIDE = (_JNT.mjJNT_HINGE.value, _JNT.mjJNT_SLIDE.value)
 # Transmissions of actuators that drive a joint
 OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
 # Dynamics of actuators that follow their control
 FOLLOWS = (_DYN.mjDYN_NONE.value, _DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
 _SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
+_OF_MOVING = ("body_mass", "body_inertia", "body_gravcomp")
+_AIMED = (_CAM.mjCAMLIGHT_TARGETBODY.value, _CAM.mjCAMLIGHT_TARGETBODYCOM.value)
+# Limits, as MJCF calls them: MuJoCo ignores the numbers of one that is off (`*_limited`)
+_LIMITS = {
+    **dict.fromkeys(("jnt_range", "tendon_range"), "range"),
+    **dict.fromkeys(("jnt_actfrcrange", "tendon_actfrcrange"), "actuatorfrcrange"),
+    **{f"actuator_{kind}range": f"{kind}range" for kind in ("ctrl", "force", "act")},
+}
 _TIMESTEP = (
     "opt.timestep says how finely physics is computed, and a recording knows its own time: "
     "it cannot be tuned"

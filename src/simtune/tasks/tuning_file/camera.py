@@ -7,7 +7,7 @@ import numpy as np
 
 from simtune.cameras.footage import Footage
 from simtune.errors import InputError, UnknownName
-from simtune.tasks.tuning_file.camera_sensor import has_sensor
+from simtune.tasks.tuning_file.camera_sensor import add_plain_camera, has_sensor
 from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
 from simtune.tasks.tuning_file.footage import read_footage
 from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn
@@ -39,9 +39,8 @@ class FilmingCamera:
             quaternion = lens.towards_region(self.quaternion) if lens else self.quaternion
             if before := spec.camera(name):
                 spec.delete(before)
-            spec.body(self.body).add_camera(
-                name=name, pos=self.position_m, quat=quaternion, fovy=self.fovy_deg
-            )
+            camera = add_plain_camera(spec.body(self.body), name, self.position_m, quaternion)
+            camera.fovy = self.fovy_deg
         elif spec.camera(name).proj == _ORTHOGRAPHIC:
             raise InputError(
                 f"camera {name} of the model is orthographic, and a real camera has a perspective: "

@@ -1,10 +1,19 @@
 """Cameras that the model describes by a sensor and a lens, as those of devices are."""
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
 _SQUARE = 0.01  # relative difference of focal lengths, of pixels that are square
 _IN_THE_MIDDLE = 1e-6
+# The model's own cameras may have lenses etc. by default, which a tuning file does not ask for
+_PLAIN = {
+    "mode": mujoco.mjtCamLight.mjCAMLIGHT_FIXED,
+    "proj": mujoco.mjtProjection.mjPROJ_PERSPECTIVE,
+    **dict.fromkeys(("sensor_size", "focal_length", "focal_pixel"), (0.0, 0.0)),
+    **dict.fromkeys(("principal_length", "principal_pixel"), (0.0, 0.0)),
+}
 
 
 def use_fields_of_view(spec: mujoco.MjSpec) -> None:
@@ -23,6 +32,15 @@ def use_fields_of_view(spec: mujoco.MjSpec) -> None:
         if is_square and np.abs(principal).max() < _IN_THE_MIDDLE:
             camera.fovy = model.cam_fovy[camera.id]
             camera.sensor_size = camera.focal_length = camera.focal_pixel = np.zeros(2)
+
+
+def add_plain_camera(
+    body: mujoco.MjsBody, name: str, position_m: Sequence[float], quaternion: Sequence[float]
+) -> mujoco.MjsCamera:
+    """Add a fixed camera of which only the field of view is left to say."""
+    camera = body.add_camera(name=name, pos=position_m, quat=quaternion, **_PLAIN)
+    camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    return camera
 
 
 def has_sensor(camera: mujoco.MjsCamera) -> bool:

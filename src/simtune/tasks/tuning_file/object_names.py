@@ -27,8 +27,9 @@ def find_objects(
 ) -> tuple[str, ...]:
     """Names of the given objects; "left_*" and "geoms of gripper" may be several.
 
-    Among several joints, those that are the play of another are meant with `plays` only. Raises
-    UnknownName for objects that the model lacks, InputError if a body or joint has none.
+    Patterns do not mean the world, which is a body to MuJoCo. Among several joints, those that are
+    the play of another are meant with `plays` only. Raises UnknownName for objects that the model
+    lacks, InputError if a body or joint has none.
     """
     known, found = names_of(model, kind), []
     for text in given:
@@ -37,7 +38,8 @@ def find_objects(
             continue
         meant = _belonging(model, kind, text)
         if meant is None:
-            meant = [name for name in known if name and fnmatchcase(name, text)]
+            others = known[1:] if kind == "body" else known
+            meant = [name for name in others if name and fnmatchcase(name, text)]
         if not meant:
             raise UnknownName(kind, text, "the model", filter(None, known))
         if kind == "joint" and not plays:

@@ -16,12 +16,12 @@ from simtune.tasks.tuning_file.field_defaults import (
     check_field,
     check_gains,
     check_objects,
-    moves_slide,
     own_nominal,
     own_values,
     usual_unit,
 )
 from simtune.tasks.tuning_file.object_names import find_objects
+from simtune.tasks.tuning_file.possible_shapes import check_inertia, check_sizes, usual_range
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _NUMBERS = ("nominal", "low", "high", "scale", "unit")
@@ -136,7 +136,7 @@ def _number(
         nominal = own_nominal(model, draft)
     if nominal < 0 and draft.field_info.is_never_negative:
         raise entry.error(f"{name}: {field} cannot be negative, got {nominal:g}", "nominal")
-    low, high, scale = draft.field_info.usual_range(nominal, moves_slide(model, draft))
+    low, high, scale = usual_range(model, draft, nominal)
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
         known = " and ".join(k for k, v in (("low", low), ("high", high)) if v is None)
@@ -147,6 +147,7 @@ def _number(
     scale = entry.choice("scale", ("log", "linear"), scale if low > 0 else "linear")
     unit = entry.text("unit", usual_unit(model, draft))
     with entry.at("low" if "low" in entry else "nominal"):
+        check_inertia(model, draft, nominal, low, high)
         return replace(draft, nominal=nominal, low=low, high=high, scale=scale, unit=unit)
 
 
@@ -177,6 +178,7 @@ def _draft(
     )
     with entry.at("component" if component is not None else "objects"):
         check_component(model, draft)
+        check_sizes(model, draft)
     with entry.at("objects"):
         own_values(model, draft)
         check_objects(model, draft)
@@ -201,6 +203,7 @@ def _camera_pose(
     cameras = _objects(entry, model, "cam_pos", films)
     if len(cameras) != 1:
         raise entry.error("a camera_pose is of one camera", "objects")
+    _draft(entry, model, "cam_quat", cameras, 0)
     position = own_values(model, _draft(entry, model, "cam_pos", cameras))[0]
     x, y, z = map(float, position)
     keys = [key for key in ("within_m", "within_rad") if key in entry]

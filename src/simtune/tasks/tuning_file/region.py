@@ -8,6 +8,7 @@ import mujoco
 
 from simtune.cameras.lens import Lens
 from simtune.errors import InputError
+from simtune.tasks.tuning_file.camera_sensor import add_plain_camera
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
 
@@ -45,7 +46,7 @@ def turn(spec: mujoco.MjSpec, name: str, lens: Lens) -> None:
         raise InputError(f"camera {name} turns by itself: a region needs one that is fixed")
     known, body = {"region": lens.region, "fovy_deg": float(before.fovy)}, before.parent
     spec.delete(before)
-    body.add_camera(name=name, pos=compiled.pos, quat=lens.towards_region(compiled.quat))
+    add_plain_camera(body, name, compiled.pos, lens.towards_region(compiled.quat))
     spec.add_text(name=_text(name), data=json.dumps(known))
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 
 from simtune.tasks.tuning_file.named_files import in_package
+from simtune.tasks.tuning_file.urdf_visuals import draw_all_links, tell_meshes_apart
 
 _HIDDEN = 3  # a group that no renderer draws
 _KEEP_VISUALS = '<mujoco><compiler discardvisual="false"/></mujoco>'
@@ -27,10 +28,13 @@ def read_urdf(path: Path) -> mujoco.MjSpec:
     )
     if "<mujoco" in text:
         return mujoco.MjSpec.from_file(str(path))
+    text, files = tell_meshes_apart(draw_all_links(text, path.name))
     spec = mujoco.MjSpec.from_string(
         re.sub(r"(<robot\b[^>]*>)", rf"\1{_KEEP_VISUALS}", text, count=1)
     )
     spec.modelfiledir = str(path.parent)
+    for mesh in spec.meshes:
+        mesh.file = files.get(mesh.file, mesh.file)
     for body in spec.bodies:
         geoms = list(body.geoms)
         seen = [geom for geom in geoms if not geom.contype and not geom.conaffinity]
