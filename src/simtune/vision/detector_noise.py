@@ -5,9 +5,10 @@ all possible places. So errors are predicted from the spread, and each picture c
 noise.
 
 The errors of one world are correlated, too: the detector puts what it hardly sees where it usually
-is, for example too high in all pictures. Worlds' errors have a mean, which is known and taken off;
-the size of what then is common to a world is the variance of worlds' mean errors in excess of what
-independent errors would give (random effects).
+is, for example too high in all pictures. Worlds' errors have a mean, which is known and taken off,
+as is how they depend on where things are (`DetectorBias`); the size of what then is common to a
+world is the variance of worlds' mean errors in excess of what independent errors would give (random
+effects).
 """
 
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from scipy.optimize import isotonic_regression
 
 from simtune.normal import MAD_TO_STD
 from simtune.vision.detector import Detections
+from simtune.vision.detector_bias import DetectorBias
 
 _SURE = 0.8  # probability of both places together, from which errors are taken as noise
 _BINS, _FEWEST = 8, 40  # of spreads; least number of pictures in each
@@ -34,6 +36,7 @@ class DetectorNoise:
     std_px: np.ndarray  # (L, B) of errors, non-decreasing
     offset_px: np.ndarray  # (L, 2) mean of worlds' common errors, detected − true
     common_px: np.ndarray  # (L, 2) std of a world's common error around it
+    bias: DetectorBias | None = None  # by which errors depend on places, around the offset
 
     @classmethod
     def measured(cls, episodes: Sequence[Detections], truth: np.ndarray) -> "DetectorNoise":
@@ -51,6 +54,8 @@ class DetectorNoise:
         errors = np.take_along_axis(errors, better, -3)[..., 0, :, :]  # (E, K, L, 2)
         spread = np.take_along_axis(spread, better, -3)[..., 0, :, :]
         sure = known >= np.minimum(_SURE, np.median(known, (0, 1)))
+        bias = DetectorBias.measured(truth, np.where(sure[..., None], errors, np.nan))
+        errors = errors - bias(truth.reshape(*truth.shape[:2], -1)).reshape(truth.shape)
         offset, common = _common(np.where(sure[..., None], errors, np.nan))
         sizes = np.abs(errors - offset)
         bins = int(np.clip(sure.sum((0, 1)).min() // _FEWEST, 1, _BINS))
@@ -60,7 +65,7 @@ class DetectorNoise:
         ]
         shape = (len(curves), bins)
         middles, stds = (np.reshape([curve[i] for curve in curves], shape) for i in (0, 1))
-        return cls(middles, stds, offset, common)
+        return cls(middles, stds, offset, common, bias)
 
     @property
     def usual_px(self) -> np.ndarray:

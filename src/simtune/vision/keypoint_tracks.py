@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from simtune.vision.detector import Detections
+from simtune.vision.detector_bias import DetectorBias
 from simtune.vision.detector_noise import DetectorNoise
 
 _SUREST = 0.99  # factor on the detector's probabilities: a rest for what it never saw in simulation
@@ -30,6 +31,7 @@ class KeypointTracks:
     # (..., K, 2, L, 2) information of each coordinate relative to the usual noise's; or 1
     information: np.ndarray | float = 1.0
     common_px: np.ndarray | float = 0.0  # (L, 2) std of a world's common error
+    bias: DetectorBias | None = None  # what is added to true places where they are found
 
     name, unit = "keypoints", "px"
 
@@ -40,12 +42,13 @@ class KeypointTracks:
         shape: tuple[int, int],
         noise: DetectorNoise,
     ) -> "KeypointTracks":
-        """From the detections in E episodes of equal length, without the errors usual there."""
+        """From the detections in E episodes of equal length, without the offset usual there."""
         candidates = np.stack([found.candidates for found in episodes]) - noise.offset_px
         probability = _SUREST * np.stack([found.probability for found in episodes])
         own_px = noise(np.stack([found.spread for found in episodes]))
         information = np.square(noise.usual_px[:, None] / own_px)
-        return cls(candidates, probability, noise.usual_px, shape, information, noise.common_px)
+        known = noise.usual_px, shape, information, noise.common_px, noise.bias
+        return cls(candidates, probability, *known)
 
     @property
     def scale(self) -> np.ndarray:
@@ -111,7 +114,8 @@ class KeypointTracks:
 
     def _residuals(self, predicted: np.ndarray, blur: float) -> np.ndarray:
         """(..., K, 2, L, 2) from each candidate to (..., K, 2 L), in units of the noise."""
-        points = predicted.reshape(*predicted.shape[:-1], 1, -1, 2)
+        found = predicted if self.bias is None else predicted + self.bias(predicted)
+        points = found.reshape(*found.shape[:-1], 1, -1, 2)
         return (points - self.candidates) / (blur * self.noise_px)[:, None]
 
     def _densities(self, residuals: np.ndarray):
