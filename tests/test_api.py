@@ -179,6 +179,8 @@ def test_options_are_checked_and_named_as_python_spells_them(tmp_path):
         ({"seed": 1.5}, "seed must be a whole number, got 1.5"),
         ({"real_gap": 1}, "real_gap must be true or false, got 1"),
         ({"robot": 3}, "robot must be a path, got 3"),
+        ({"real": ""}, "real must be text such as 'pseudo', got ''"),
+        ({"robot": ""}, "robot must be a path, got ''"),
     ],
 )
 def test_options_of_another_type_are_refused(tmp_path, options, said):
@@ -244,6 +246,20 @@ def test_train_takes_the_options_of_its_command(tmp_path, monkeypatch):
     assert config.real_parameters == Path("truth.json")
 
 
+def test_a_training_without_a_search_films_one_episode(tmp_path, monkeypatch):
+    monkeypatch.setattr("simtune.api.commands.carry_out_training", lambda *_: None)
+    filmed = []
+
+    def film(episode: int) -> dict:
+        filmed.append(episode)
+        return {"frames": np.zeros((4, 16, 16, 3), np.uint8), "actions": np.zeros((3, 1)), "hz": 20}
+
+    for method in ("untuned", "dr"):
+        with pytest.raises(ValueError, match="is no run"):  # since nothing was trained
+            simtune.train("cartpole", out=tmp_path / method, method=method, real=film)
+    assert filmed == [0, 0]
+
+
 def test_a_robot_films_nothing_for_a_run_that_will_be_refused(tmp_path):
     config = TuneConfig(task="cartpole", out=tmp_path)
     stored = asked(config, simtune.load_task("cartpole"))
@@ -253,6 +269,11 @@ def test_a_robot_films_nothing_for_a_run_that_will_be_refused(tmp_path):
         tune(seed=1)
     with pytest.raises(ValueError, match="a run that was not filmed by a function"):
         tune()
+
+
+def test_a_robot_films_nothing_for_a_check_with_a_wrong_option():
+    with pytest.raises(ValueError, match="episodes must be a whole number, got '3'"):
+        simtune.check("cartpole", real=lambda i: pytest.fail("filmed"), episodes="3")
 
 
 def test_check_finds_a_camera_pose(tmp_path, monkeypatch):

@@ -188,6 +188,9 @@ def dataset(recorded, tmp_path) -> Path:
         ),
         (["report", "NOWHERE"], "is no run: there is no such folder$"),
         (["figures", "NOWHERE"], "nowhere: no such folder or file$"),
+        (["check", "cartpole", "--real", ""], "--real needs a value, got ''; --help"),
+        (["tune", "cartpole", "--out="], "--out needs a value, got ''; --help"),
+        (["report", ""], "simtune report needs a value, got ''; --help"),
     ],
 )
 def test_unusable_arguments_exit_with_2_and_one_line(simtune, tmp_path, arguments, message):
@@ -662,6 +665,17 @@ def test_a_closed_pipe_causes_no_traceback():
     assert done.stderr == ""
 
 
+def test_what_stdout_cannot_encode_is_a_question_mark():
+    done = in_a_shell("PYTHONIOENCODING=ascii simtune tasks")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "?" in done.stdout
+
+
+def test_a_closed_stdout_causes_no_traceback():
+    done = in_a_shell("simtune tasks >&-")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("command", ["", "tune", "tasks", "report", "doctor"])
 def test_help_prints_the_usage_and_the_options_of_tune(simtune, command):
     status, out, err = simtune(*command.split(), "--help")
@@ -811,3 +825,12 @@ def test_a_tilde_is_the_home_folder_wherever_an_option_has_it(monkeypatch, tmp_p
         assert config.out == tmp_path / "run"
         assert config.real == str(tmp_path / "a~b")
     assert parse(["tune", "cartpole", "--out=a~b"]).out == Path("a~b")
+
+
+def test_scores_of_small_rewards_keep_their_digits(tmp_path):
+    from simtune.cli.run import _say_result
+
+    said: list[str] = []
+    result = {"method": "dr", "warnings": [], "return": {"mean": 0.42, "std": 0.31, "episodes": 10}}
+    _say_result(result, tmp_path, said.append)
+    assert said[0] == "return 0.420 ± 0.310 in 10 episodes"

@@ -131,9 +131,25 @@ def test_notes_say_where_agreeing_says_little(tmp_path):
     other = a_run(tmp_path / "other", mean, recordings=recordings)
     assert "of the same recordings" in compared(one, other)["notes"][0]
     assert compared(one, one)["notes"] == ["runs 1 and 2 are one and the same"]
-    write_json(other / "config.json", {"config": {"task_content": "b"}})
+    write_json(other / "config.json", {"config": {"task": "finger", "task_content": "b"}})
     assert "the tuning file is not the same" in compared(one, other)["notes"][1]
     assert "note: runs 1 and 2 are of" in "\n".join(table(compared(one, other)))
+
+
+def test_notes_tell_the_same_films_of_a_pseudo_real_world_and_two_worlds(tmp_path):
+    one, other = (a_run(tmp_path / name, np.full(len(SPACE), 0.5)) for name in "ab")
+
+    def notes(**changes) -> list[str]:
+        config = {"task": "finger", "real": "pseudo", "seed": 1, "real_gap": False, "truth": "t"}
+        write_json(one / "config.json", {"config": config})
+        write_json(other / "config.json", {"config": config | changes})
+        return compared(one, other)["notes"]
+
+    (said,) = notes()
+    assert said.startswith("runs 1 and 2 are of the same recordings")
+    assert notes(seed=2) == notes(real_gap=True) == []
+    assert notes(truth="u") == ["the runs are of 2 pseudo-real worlds with other true parameters"]
+    assert notes(real="monday", truth=None) == []  # which may be of the same world
 
 
 def test_what_cannot_be_compared_is_said_in_a_line(tmp_path):

@@ -245,7 +245,20 @@ def test_the_script_leaves_no_file_that_cannot_find_its_meshes(scene, tmp_path):
     assert called.returncode == 1
     said = r"\S+tuned.xml would not load: .*parts/left/cube.obj.*; write it beside \S+scene.xml.*\n"
     assert re.fullmatch(said, called.stderr)
-    assert not files[1].exists()
+    assert not list(tmp_path.glob("*tuned.xml"))
+
+
+def test_the_script_overwrites_and_deletes_no_file(scene, tmp_path):
+    run, _ = a_run(tmp_path / "run", str(scene))
+    script = export(ExportConfig(run_folder=run, out=tmp_path / "out")) / "apply.py"
+    model, mine = scene.parent / "scene.xml", tmp_path / "mine.xml"
+    mine.write_text("mine")
+    for file in (mine, model):
+        before = file.read_bytes()
+        called = subprocess.run([sys.executable, script, model, file], capture_output=True)
+        said = f"{file} is there already, and nothing is overwritten: give another name\n"
+        assert (called.returncode, called.stderr.decode()) == (1, said)
+        assert file.read_bytes() == before
 
 
 def test_the_script_says_what_it_lacks(scene, tmp_path):
@@ -256,6 +269,8 @@ def test_the_script_says_what_it_lacks(scene, tmp_path):
     for files, said in (
         ([other, tmp_path / "tuned.xml"], "other.xml is another model than the tuned one: "),
         ([], "expected two files: python apply.py MODEL.xml TUNED.xml"),
+        ([tmp_path / "no.xml", tmp_path / "tuned.xml"], "no.xml would not load: "),
+        ([scene.parent / "scene.xml", tmp_path / "no" / "t.xml"], "cannot write "),
     ):
         called = subprocess.run([sys.executable, script, *files], capture_output=True, text=True)
         assert called.returncode == 1
@@ -432,6 +447,9 @@ def test_samples_alone_go_into_a_file_of_the_kind_that_its_ending_says(tmp_path)
     np.testing.assert_array_equal(world, table[0])
 
 
+_OF_A_RUN = ("config.json", "curves.json", "result.json")
+
+
 def test_samples_that_cannot_be_written_are_refused_in_a_line(tmp_path):
     run, _ = a_run_with_a_posterior(tmp_path / "run", "finger")
 
@@ -445,6 +463,16 @@ def test_samples_that_cannot_be_written_are_refused_in_a_line(tmp_path):
     (tmp_path / "mine.csv").touch()
     assert "is there already" in refused(tmp_path / "mine.csv")
     assert "cannot write" in refused(tmp_path / "mine.csv" / "draws.csv")
+    whole = {name: json.loads((run / name).read_text()) for name in _OF_A_RUN}
+    for name, spoilt in (
+        ("curves.json", {"spinner_mass": {"candidates": [1, 2]}}),
+        ("result.json", {k: v for k, v in whole["result.json"].items() if k != "task"}),
+        ("result.json", {k: v for k, v in whole["result.json"].items() if k != "seed"}),
+        ("config.json", {}),
+    ):
+        write_json(run / name, spoilt)
+        assert f"{name} is damaged" in refused(tmp_path / "out")
+        write_json(run / name, whole[name])
     (run / "posterior.npz").write_bytes(b"PK nonsense")
     assert "posterior.npz is damaged" in refused(tmp_path / "out")
     (run / "posterior.npz").unlink()

@@ -20,7 +20,7 @@ from simtune.figures.groups import Setting, settings
 from simtune.figures.raster import png
 from simtune.figures.records import read_records
 from simtune.figures.statistics import centre, stratified
-from simtune.figures.tables import overall, rows, shares_of_oracle
+from simtune.figures.tables import authors, overall, rows, shares_of_oracle
 
 
 def make_run(
@@ -283,6 +283,21 @@ def test_figures_show_what_was_measured_and_the_authors_end(tmp_path):
     (error,) = figures["error"].series  # dr estimates nothing
     assert [(x, round(c.mean)) for x, c in error.band] == [(0, 100), (5, 20), (7, 10)]
     assert figures["error"].references[0].value == 33
+
+
+def test_a_users_task_named_like_a_built_in_one_is_kept_apart(tmp_path):
+    make_run(tmp_path)
+    config = make_run(tmp_path, seed=1) / "config.json"
+    stored = json.loads(config.read_text())
+    stored["config"]["task"] = "/home/me/ball_in_cup.toml"
+    config.write_text(json.dumps(stored))
+    built_in, own = found(tmp_path)
+    assert (built_in.task, own.task) == ("ball_in_cup", "ball_in_cup (own)")
+    assert authors(built_in)
+    assert not authors(own)
+    drawn = {each.label for figure in figures_of(own) for each in figure.references}
+    assert not any("authors" in label for label in drawn)
+    assert built_in.key != own.key
 
 
 def test_authors_numbers_are_those_of_the_reference():

@@ -200,6 +200,15 @@ def test_an_added_servo_is_as_its_table_says_whatever_the_models_are_by_default(
     np.testing.assert_allclose(added.ctrlrange, np.deg2rad([-30, 60]))
 
 
+def test_an_added_servo_has_no_activation_whatever_the_models_have_by_default(load, folder):
+    filtered = """<default><general dyntype="filter" actlimited="true" actrange="-1 1"
+      actearly="true"/></default><worldbody>"""
+    undriven = SCENE[: SCENE.index("  <actuator>")] + "</mujoco>"
+    (folder / "scene.xml").write_text(undriven.replace("<worldbody>", filtered))
+    model = load(f"{HEAD}[[actuators]]\njoint = 'elbow'\nkp = 30\n{MASS}").load_model()
+    assert (model.nu, model.na, *model.actuator_actlimited) == (1, 0, 0)
+
+
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [

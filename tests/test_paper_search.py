@@ -51,6 +51,8 @@ def a_parameter(name: str, low: float, high: float, scale: str = "linear") -> Pa
 
 SPACE = ParameterSpace([a_parameter("left", 0.0, 1.0), a_parameter("right", 0.05, 5.0, "log")])
 
+ONE = ParameterSpace([a_parameter("left", 0.0, 1.0)])
+
 
 class FakeSimulator(Simulator):
     """Worlds whose picture shows one parameter in its left half and one in its right."""
@@ -306,6 +308,29 @@ def test_arrival_of_a_mean_at_a_bound_is_an_event():
     first, second = (search.run_round(real, Budget())[1] for _ in range(2))
     assert [(e.event, e.parameter, e.low, e.high) for e in first] == [("moved", "left", 0.0, 1.0)]
     assert second == []
+
+
+def test_a_mean_that_starts_at_zero_keeps_a_range_and_gets_to_its_upper_bound():
+    search = a_search(start=np.array([0.0, 1.0]), config=replace(SMALL, step_size=0.1))
+    search.model.prob_higher = lambda *_: np.array([1.0, 0.5])  # type: ignore[method-assign]
+    means, tops = [], []
+    for _ in range(100):
+        means.append(search.distribution.mean[0])
+        tops.append(search.distribution.high[0])
+        search._move([], may_move=True)
+    # Half of α of a tenth of the bounds, until the mean is larger: then, of the mean
+    np.testing.assert_allclose(means[:3], [0.0, 0.005, 0.01])
+    np.testing.assert_allclose(tops[:3], [0.1, 0.105, 0.11])
+    assert means[-1] == 1.0
+    # What starts above 0 moves in proportion, however small it is
+    low = shift_mean(np.array([0.01]), np.ones(1), 0.1, ONE, start=np.array([0.02]))
+    np.testing.assert_allclose(low, 0.0105)
+
+
+def test_all_that_is_collected_before_training_is_kept():
+    assert PaperConfig().num_kept == 100
+    assert PaperConfig(episode_steps=60).num_kept == 167  # 10,000 steps
+    assert a_search(config=replace(SMALL, collect_steps=245))._store.filmed_capacity == 21
 
 
 def test_round_out_of_time_collects_once_and_makes_one_update():

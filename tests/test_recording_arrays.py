@@ -249,6 +249,7 @@ def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):
         ({"actions": None}, r"real\[0\]: has no actions; there are: frames, hz"),
         ({"hz": 0}, r"real\[0\]: expected hz as rows a second, got 0"),
         ({"actions": np.full((NUM_STEPS, 3), np.nan)}, r"real\[0\]: expected finite actions"),
+        ({"actions": [[1, 2], [3]]}, r"real\[0\]: expected actions as an array, its rows of one l"),
         (
             {"frames": np.zeros((NUM_STEPS, 8, 8, 3))},
             r"real\[0\]: expected frames as \(T \+ 1, H, W, 3\) uint8, got .* float64",
@@ -270,6 +271,11 @@ def test_what_cannot_be_an_episode_is_refused_before_it_is_written(tmp_path, wro
         film_once(record, 3, tmp_path / "filmed")
     assert asked == [0]  # the robot does not go on in vain
     assert open_dataset(film_once(lambda _: episode(), 2, tmp_path / "filmed")).num_episodes == 2
+
+
+def test_arrays_without_pictures_are_named_as_in_python():
+    with pytest.raises(ValueError, match=r"^real\[0\]: has no pictures; .* are: actions, hz$"):
+        simtune.check("cartpole", real=[{"hz": 12.5, "actions": np.zeros((8, 1))}])
 
 
 @pytest.mark.thorough

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import sys
+from types import SimpleNamespace
 
 import mujoco
 import mujoco_warp
@@ -696,6 +697,20 @@ def test_opengl_that_is_not_installed_is_refused_with_what_to_install(scene, mon
     with pytest.raises(InputError, match=r"apt install libegl1.*raycaster") as error:
         make_renderer("opengl", scene, SPACE, "above", (SIZE, SIZE))
     assert "\n" not in str(error.value)
+
+
+def test_a_context_that_mujoco_cannot_draw_in_is_refused_and_freed(scene, monkeypatch):
+    freed = []
+    without_display = SimpleNamespace(free=lambda: freed.append(True))
+    monkeypatch.setattr(opengl, "_make_gl_context", lambda *size: without_display)
+
+    def fail(*_):
+        raise mujoco.FatalError("no OpenGL platform library")
+
+    monkeypatch.setattr(mujoco, "MjrContext", fail)
+    with pytest.raises(InputError, match=r"no OpenGL platform library; install.*raycaster"):
+        make_renderer("opengl", scene, SPACE, "above", (SIZE, SIZE))
+    assert freed == [True]
 
 
 def test_an_unknown_renderer_or_camera_is_refused(scene):

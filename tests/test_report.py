@@ -604,7 +604,17 @@ def test_a_trained_policy_is_shown_with_its_score_and_how_it_learnt(tmp_path):
     shutil.copy(path / "videos" / "real.mp4", path / "videos" / "policy.mp4")
     page = write_report(path).read_text()
     assert "return <b>321</b> ± 4.50" in page
+    assert "It saw pictures, and no state." in page  # but perhaps its own latest actions
     assert "aria-label='the policy in the real world'" in page
+
+
+@pytest.mark.parametrize("search", ["posterior", "paper"])
+def test_what_a_template_leaves_out_leaves_no_dash(search, tmp_path):
+    path = make_run(tmp_path / "run")
+    _edit(path / "result.json", lambda result: result.update(search=search))
+    html = write_report(path).read_text(encoding="utf-8")
+    assert not re.search(r"<[a-z][^<>]*–>", html)
+    assert not re.search(r"–\s*</article>", html)
 
 
 @pytest.mark.parametrize("method", ["dr", "oracle"])

@@ -367,6 +367,15 @@ def test_a_training_that_will_have_to_move_the_robot_says_so_before_it_begins(fi
     choose_real(replace(tuning, observe="cameras"), TASK, 16, out=out)
 
 
+@pytest.mark.parametrize("method", ["dr", "untuned"])
+def test_a_training_without_a_search_needs_no_move(file, method):
+    out = file.parent / "run"
+    config = TrainConfig(task="cartpole", out=out, real="lerobot", robot=file, method=method)
+    real, _, _ = choose_real(config, TASK, 16, out=out)
+    with pytest.raises(InputError, match="has to move for this: give --move"):
+        real.collect(1)
+
+
 def test_a_robot_is_moved_by_one_command_at_a_time(file):
     real = make_real(file)
     with file.open() as held:

@@ -23,9 +23,10 @@ from simtune.agents import Agent, AgentSpec, Observation, make_agent
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.algorithm import Training, train
-from simtune.config import EvaluateConfig
+from simtune.config import EvaluateConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import _check_unchanged, evaluate, load_trained
+from simtune.experiment.presets import choose_search_settings
 from simtune.experiment.run import Run
 from simtune.experiment.schedule import Schedule, fast, paper
 from simtune.experiment.settings import Settings
@@ -38,6 +39,7 @@ from simtune.recordings import write_dataset
 from simtune.replay import Replay
 from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
+from simtune.search_param_model.paper import PaperConfig
 from simtune.simulation import scale_actions
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate, Verdict, unsure
@@ -407,6 +409,42 @@ def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     assert len({frame.tobytes() for frame in first}) == 3 + 3 + 4
 
 
+def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_scores():
+    """With the reality gap, and without."""
+
+    class World:
+        gap = None
+
+        def __init__(self, lowest_reward: float):
+            self.lowest_reward = lowest_reward
+
+        def play(self, *_):
+            charged.append(self.lowest_reward)
+            self.lowest_reward = -9.0
+            ones = np.ones((1, STEPS))
+            return SimpleNamespace(frames=ones, reached=np.ones((1, 0)), rewards=ones)
+
+    charged: list[float] = []
+    learnt_in = World(-2.0)
+    for scored_in in (learnt_in, World(0.0)):
+        given = {"environment": learnt_in, "scored_in": scored_in, "late_steps": 0}
+        experiment = SimpleNamespace(**given, agent=None, task=TASK)
+        TrainingExperiment.score(experiment, SPACE.nominal, 1, seed=0)
+        assert learnt_in.lowest_reward == -2.0
+    assert charged == [-2.0, -2.0]
+
+
+@pytest.mark.thorough
+def test_a_loaded_policy_is_scored_by_the_lowest_reward_of_its_training(
+    autotuned, quick, monkeypatch
+):
+    out, _ = autotuned
+    tensors, state = load(newest(out / "checkpoints"))
+    stored = tensors, state | {"lowest_reward": -3.0}
+    monkeypatch.setattr("simtune.evaluation.evaluate.checkpoint.load", lambda _: stored)
+    assert load_trained(out, settings=quick).environment.lowest_reward == -3.0
+
+
 @pytest.mark.thorough
 def test_all_recordings_are_taken_where_no_number_is_asked_for(tmp_path, quick):
     simulator = load_task("cartpole").simulator(image_size=64)
@@ -492,6 +530,20 @@ def test_schedules_of_the_presets_equal_hand_calculation(tmp_path):
     short = build_training(dataclasses.replace(config, task="rope_peg")).search.config
     assert short.episode_steps == 60
     assert short.episodes_per_iteration * short.episode_steps == pytest.approx(2000, rel=0.02)
+
+
+def test_the_papers_search_has_crops_room_and_moves_for_what_is_planned(tmp_path):
+    long = config_of(tmp_path, preset="paper", policy_steps=1_000_000)
+    search = choose_search_settings(long, "paper", load_task("rope_peg"), [], 100)
+    assert isinstance(search, PaperConfig)
+    assert search.max_moves == 65 + 24 * 5  # rounds of 25 cycles, all but 25 of which move
+    assert search.num_kept == 834  # 50,000 steps of 60 an episode
+    assert search.crop_size == 84
+    tuning = TuneConfig(task="cartpole", out=tmp_path)
+    for image_size, expected in ((32, 27), (64, 54), (100, 84), (128, 84)):
+        search = choose_search_settings(tuning, "regression", TASK, [], image_size)
+        assert isinstance(search, PaperConfig)
+        assert (search.crop_size, search.max_moves) == (expected, 100)
 
 
 @pytest.mark.thorough

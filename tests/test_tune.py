@@ -417,7 +417,7 @@ def test_a_time_too_short_for_a_search_that_cannot_tell_names_no_round():
 def test_precision_is_a_percentage_that_the_search_gets(tmp_path, asked, share):
     config = config_of(tmp_path, precision=asked)
     config.check()
-    search = choose_search_settings(config, "posterior", TASK, [])
+    search = choose_search_settings(config, "posterior", TASK, [], 64)
     assert isinstance(search, PosteriorSearchConfig)
     assert search.precision == pytest.approx(share)
 

@@ -219,6 +219,12 @@ def test_what_is_wrong_with_the_file(refuses, text, line, message):
     refuses(text, line, message)
 
 
+def test_a_whole_number_beyond_64_bits_is_a_number(declare):
+    huge = f"name = 'k'\nkind = 'mass'\nobjects = 'bob'\nnominal = {10**30}\n"
+    (parameter,) = declare(huge)
+    assert parameter.nominal == 1e30
+
+
 @pytest.mark.parametrize(
     ("xml", "message"),
     [
@@ -689,6 +695,18 @@ def test_a_servos_gain_takes_along_what_holds_against_it(declare):
     np.testing.assert_allclose(batch.expand("actuator_biasprm")[:, 0, 1], [-60, -10])
 
 
+@pytest.mark.parametrize("timestep_s", [0.001, 0.002, 0.004, 0.005])
+@pytest.mark.parametrize("hz", [15, 30, 60, 120])
+def test_delays_are_remembered_at_any_rate(folder, load, timestep_s, hz):
+    """Physics steps divide a policy step, so they may be longer than the model's own."""
+    scene = SCENE.replace('timestep="0.005"', f'timestep="{timestep_s}"')
+    (folder / "scene.xml").write_text(scene)
+    text = '[[parameters]]\nname = "late"\nkind = "delay"\nobjects = "sled"\nhigh = 0.1\n'
+    task = load(f'model = "scene.xml"\ncontrol_timestep_s = {1 / hz}\n{text}')
+    model = task.load_model()
+    assert model.actuator_history[2, 0] * task.control_timestep_s / model.opt.timestep >= 1
+
+
 def test_a_delay_is_remembered(load):
     text = '[[parameters]]\nname = "late"\nkind = "delay"\nobjects = "sled"\nhigh = 0.1\n'
     task = load(HEAD + text)
@@ -998,6 +1016,19 @@ def test_a_closed_chain_is_not_torn_apart_by_its_start(folder, load):
     for joint in ("left", "middle", "right"):
         assert np.ptp(spans(batch, joint)) == 0
     np.testing.assert_allclose(spans(batch, "swing"), [[-np.pi, np.pi]], atol=0.1)
+
+
+@pytest.mark.parametrize("count", ["4 4 1", "3 3 3"])
+def test_a_cloth_or_soft_body_starts_in_its_own_shape(folder, load, count):
+    flex = f"""<mujoco><worldbody><camera name="front"/><flexcomp name="it" type="grid" mass=".1"
+      count="{count}" spacing=".1 .1 .1" dim="{3 if count == "3 3 3" else 2}" radius=".01"
+      pos="0 0 1"><edge equality="true"/></flexcomp><body name="bob" pos="2 0 1">
+      <joint name="hinge"/><geom size=".1"/></body></worldbody></mujoco>"""
+    (folder / "scene.xml").write_text(flex)
+    batch = starts(load(HEAD + MASS), 20)
+    assert np.ptp(spans(batch, "hinge")) > 1
+    others = np.delete(batch.qpos, batch.model.joint("hinge").qposadr, axis=1)
+    np.testing.assert_array_equal(others, np.zeros_like(others))
 
 
 def test_a_model_that_was_exported_can_be_tuned_again(folder, load):

@@ -139,7 +139,10 @@ class Training:
             self._save()
 
     def _score_meanwhile(self) -> None:
-        """A point of a learning curve for figures; nothing learns from it."""
+        """A point of a learning curve for figures; nothing learns from it.
+
+        Without the reality gap, its steps are counted among `sim_steps`.
+        """
         experiment, config = self.experiment, self.experiment.config
         if experiment.truth is not None and experiment.agent.can_act:
             done = self.run.step / experiment.schedule.total_steps

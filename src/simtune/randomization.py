@@ -9,6 +9,19 @@ from simtune.parameters import ParameterSpace
 _OF_ZERO = 0.1
 
 
+def size_of(space: ParameterSpace, mean: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+    """(N,) what the paper's ranges and steps are shares of: |mean|, since its parameters are > 0.
+
+    Of a parameter that may be negative, such as an angle, it is half the distance between its
+    bounds. Of one that is 0, such as a delay, it is a tenth of that distance, and no less once it
+    has moved, if it was 0 at the `start` (N,) of a search (by default the mean).
+    """
+    whole = space.high - space.low
+    is_zero = (space.low == 0) & ((mean if start is None else start) == 0)
+    size = np.where(space.low < 0, whole / 2, np.abs(mean))
+    return np.where(is_zero, np.maximum(size, _OF_ZERO * whole), size)
+
+
 @dataclass(frozen=True)
 class Distribution:
     """Independent uniforms in [low, high], with the present estimate `mean` inside.
@@ -23,16 +36,18 @@ class Distribution:
     on_own_scale: bool = True
 
     @classmethod
-    def proportional(cls, space: ParameterSpace, mean: np.ndarray, range_: float) -> "Distribution":
+    def proportional(
+        cls,
+        space: ParameterSpace,
+        mean: np.ndarray,
+        range_: float,
+        start: np.ndarray | None = None,
+    ) -> "Distribution":
         """The paper's: U[mean·(1 − range), mean·(1 + range)], clipped to the bounds.
 
-        The paper's parameters are above 0. Of one that may be negative, such as an angle, the range
-        is a share of half the distance between its bounds instead of a share of its mean; of one
-        that is 0, such as a delay, a share of a tenth of it.
+        A share of something else of parameters that are not above 0, see `size_of`.
         """
-        whole = space.high - space.low
-        size = np.where(space.low < 0, whole / 2, np.abs(mean))
-        size = np.where((space.low == 0) & (mean == 0), _OF_ZERO * whole, size)
+        size = size_of(space, mean, start)
         ends = space.clip(mean - range_ * size), space.clip(mean + range_ * size)
         return cls(space, mean, *ends, on_own_scale=False)
 

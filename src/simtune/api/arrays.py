@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from simtune.errors import InputError
+from simtune.errors import InputError, blame
 from simtune.recordings import check_episode
 from simtune.run.files import sync_folder, write_atomically
 
@@ -94,7 +94,10 @@ def _arrays(i: int, episode: Episode) -> dict[str, Any]:
             f"real[{i}] is a {type(episode).__name__}; expected a dict of frames, actions and hz, "
             "see docs/recordings.md"
         )
-    arrays = {key: np.asarray(value) for key, value in episode.items()}
+    arrays = dict[str, Any]()
+    for key, value in episode.items():
+        with blame(f"real[{i}]: expected {key} as an array, its rows of one length"):
+            arrays[key] = np.asarray(value)
     if wrong := [key for key, array in arrays.items() if array.dtype.kind not in "fiuU"]:
         raise InputError(f"real[{i}]: expected {wrong[0]} as numbers, got {arrays[wrong[0]].dtype}")
     check_episode(f"real[{i}]", arrays)

@@ -21,7 +21,7 @@ from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
 from simtune.api.spelling import in_python
 from simtune.checking import carry_out as carry_out_check
-from simtune.config import CheckConfig, TrainConfig, TuneConfig, check_types
+from simtune.config import UNTUNED, CheckConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.experiment.outcome import asked
 from simtune.progress import ProgressBar, ReportProgress, silent
@@ -66,9 +66,11 @@ def check(
     docs/commands/check.md. The result is a dict, whose repr is the command's table.
     """
     with in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
-        task = _known(task)
-        recordings = _recordings(real, Path(folder), options.get("episodes"))
-        config = _config(CheckConfig, with_model(task), options | {"real": recordings})
+        task, filmed = with_model(_known(task)), Path(folder) / FILMED
+        place = real if real is None or isinstance(real, str | PathLike) else filmed
+        config = _config(CheckConfig, task, options | {"real": place})
+        if place is filmed:
+            config = replace(config, real=_recordings(real, filmed, config.episodes))
         return CheckResult(*carry_out_check(config, report))
 
 
@@ -116,8 +118,10 @@ def train(
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
     Arguments as in `tune`. `method`: autotune, regression, dr, untuned or oracle. `policy_steps`:
-    simulated steps that the policy learns from, by default the task's. Other options:
-    docs/commands/train.md. The policy's success rate is in `Result.content`.
+    simulated steps that the policy learns from, by default the task's, or 500,000 with
+    preset="paper". Other options: docs/commands/train.md. If `real` is "pseudo", `Result.content`
+    has the policy's `return`, and what it reached of the task's goals, such as `success`.
+    Without a search (dr, untuned), a function `real` films one episode, for the length of a step.
     """
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
     with in_python(), _progress(progress) as report:
@@ -146,7 +150,10 @@ def _config_of_run(
     check_asked(out, asked(config, task))
     if callable(real) and stored_config(out) and not (folder / EPISODES).exists():
         raise InputError(f"{out} holds a run that was not filmed by a function; give another out")
-    return replace(config, real=fspath(_recordings(real, folder, options.get("real_episodes"))))
+    num = options.get("real_episodes")
+    if isinstance(config, TrainConfig) and config.method in UNTUNED:
+        num = 1  # for the length of a step: no search looks at pictures
+    return replace(config, real=fspath(_recordings(real, folder, num)))
 
 
 def _recordings(real: Any, folder: Path, num: int | None) -> Any:
@@ -171,9 +178,8 @@ def _config(kind: type[_Config], task: AnyTask, options: dict[str, Any]) -> _Con
         given[name] = fspath(value) if isinstance(value, PathLike) else value
         if isinstance(value, np.generic):
             given[name] = value.item()
-        if name in paths and isinstance(value, str | PathLike):
-            given[name] = Path(value)
     check_types(kind, given)
+    given |= {name: Path(given[name]) for name in paths if given.get(name) is not None}
     config = kind(**given)
     config.check()
     return config

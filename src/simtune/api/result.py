@@ -182,10 +182,7 @@ class Result:
     @property
     def curves(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """{name: (values (C,), P(truth > value) (C,))}: survival curves of the posterior."""
-        return {
-            name: (np.array(curve["candidates"]), np.array(curve["prob_higher"]))
-            for name, curve in self._run.curves.items()
-        }
+        return self._run.survival_curves()
 
     def __repr__(self) -> str:
         head = f"simtune.Result of {self.task}, {self.path}"

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import fields
+from itertools import pairwise
 from typing import Any, get_args
 
 import tyro
@@ -29,6 +30,7 @@ def parse(typed: Sequence[str]) -> Any:
         if typed[0] not in commands:
             raise UnknownName("command", typed[0], "simtune", commands)
         _check_options(typed[0], commands[typed[0]], typed[1:])
+        _check_values(typed)
     stderr = io.StringIO()
     try:
         with contextlib.redirect_stderr(stderr), completion_mended(typed, commands):
@@ -64,6 +66,16 @@ def _check_options(command: str, kind: type, typed: Sequence[str]) -> None:
             close = difflib.get_close_matches(name, options, n=1)
             hint = f"; did you mean {close[0]}?" if close else _HELP
             raise InputError(f"simtune {command} has no {name}{hint}")
+
+
+def _check_values(typed: Sequence[str]) -> None:
+    """Raises InputError for an empty value: as a path it would be the current folder."""
+    for before, word in pairwise(typed):
+        option = re.fullmatch(r"(--[\w-]+)=", word)
+        if option or not word:
+            name = option[1] if option else before
+            named = name if name.startswith("--") else f"simtune {typed[0]}"
+            raise InputError(f"{named} needs a value, got ''{_HELP}")
 
 
 def _in_a_line(output: str) -> str:

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import time
+from io import TextIOWrapper
 from typing import Any
 
 import simtune
@@ -20,6 +21,7 @@ def main() -> None:
     # as soon as anything else runs on the machine.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     command, began_s = None, time.time()
+    _make_writable()
     try:
         if sys.argv[1:] == ["--version"]:
             print(f"simtune {simtune.__version__}")
@@ -42,6 +44,15 @@ def main() -> None:
         sys.exit(_complain(f"out of memory: {error}", 1))
     except (RuntimeError, OSError) as error:
         sys.exit(_complain(error, 1))
+
+
+def _make_writable() -> None:
+    """Let whatever is printed pass: "?" for what stdout's encoding lacks, nothing where closed."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the shell: >&-
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+    if isinstance(sys.stdout, TextIOWrapper):  # stderr never fails so: Python has it escape
+        sys.stdout.reconfigure(errors="replace")
 
 
 def _carry_out(command: Any) -> None:

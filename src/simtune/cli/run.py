@@ -164,6 +164,7 @@ def _train(config: TrainConfig, say: Say) -> Done:
 def _say_result(result: dict[str, Any], out: Path, say: Say) -> Done:
     """Print the estimates if there are any, all warnings, and a policy's scores."""
     from simtune.api.table import lines
+    from simtune.report.words import number
 
     if result["method"] not in UNTUNED:
         say("\n".join(lines(result["parameters"], result["search"])))
@@ -174,7 +175,7 @@ def _say_result(result: dict[str, Any], out: Path, say: Say) -> Done:
     if "return" in result:
         score = result["return"]
         scored = counted(score["episodes"], "episode")
-        say(f"return {score['mean']:.0f} ± {score['std']:.0f} in {scored}")
+        say(f"return {number(score['mean'])} ± {number(score['std'])} in {scored}")
     for goal in ("success", "near_success"):
         if goal in result:
             say(f"{goal.replace('_', ' ')} in {100 * result[goal]['mean']:.0f} % of them")

@@ -142,17 +142,19 @@ def _check_same(run_a: RunData, a: _Estimates, run_b: RunData, b: _Estimates) ->
 
 
 def _notes(runs: list[RunData]) -> list[str]:
-    """Caveats: runs of the same recordings, or of different models."""
+    """Caveats: runs of the same recordings, of two worlds, or of different models."""
     notes = []
-    hashes = [run.object("recordings").get("dataset_hash") for run in runs]
     for i, k in combinations(range(len(runs)), 2):
         if runs[i].path.resolve() == runs[k].path.resolve():
             notes.append(f"runs {i + 1} and {k + 1} are one and the same")
-        elif hashes[i] and hashes[i] == hashes[k]:
+        elif _saw_the_same(runs[i], runs[k]):
             notes.append(
                 f"runs {i + 1} and {k + 1} are of the same recordings, so their errors go "
                 "together: that they agree says less than of other episodes"
             )
+    truths = {run.config["truth"] for run in runs if run.config.get("truth")}
+    if len(truths) > 1:
+        notes.append(f"the runs are of {len(truths)} pseudo-real worlds with other true parameters")
     for i, run in enumerate(runs):
         told = run.parameters
         if unknown := [n for n in told if told[n].get("verdict") == "not identifiable"]:
@@ -161,6 +163,15 @@ def _notes(runs: list[RunData]) -> list[str]:
     if any(a.config.get("task_content") != b.config.get("task_content") for a, b in pairwise(runs)):
         notes.append("the model or the tuning file is not the same in all runs")
     return notes
+
+
+def _saw_the_same(a: RunData, b: RunData) -> bool:
+    """Whether runs read the same recordings, or filmed one pseudo-real world alike."""
+    if digest := a.object("recordings").get("dataset_hash"):
+        return digest == b.object("recordings").get("dataset_hash")
+    is_pseudo = a.config.get("real") == "pseudo" and bool(a.config.get("truth"))
+    filmed_by = ("real", "truth", "seed", "real_gap", "method")  # a policy films as it acts
+    return is_pseudo and all(a.config.get(key) == b.config.get(key) for key in filmed_by)
 
 
 def _numbers(run: RunData, name: str) -> dict[str, Any]:

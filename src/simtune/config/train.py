@@ -40,7 +40,8 @@ class TrainConfig(Prints, Observes, RealConfig):
     search: Literal["posterior", "paper"] | None = None
     """How autotune searches; by default posterior, with --preset paper the paper's search."""
     policy_steps: int | None = None
-    """Simulated steps that the policy learns from; by default the task's number."""
+    """Simulated steps that the policy learns from; by default the task's number, with --preset
+    paper 500,000."""
     pretrain_steps: int = 0
     """How many of these steps use domain randomisation around the start, before the real world is
     filmed; then the policy acts there instead of random actions (sim-to-real, Sec. VI-B)."""

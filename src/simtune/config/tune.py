@@ -68,7 +68,8 @@ class CheckConfig(Prints, ObservesSized, CameraPoseOptions, RecordingsConfig):
     """Show, before tuning, what each parameter changes and how well recordings can determine it.
 
     Takes seconds, plus the time to read recordings. What a parameter "shows" is the best precision
-    to hope for. With recordings, writes one file: their pictures beside the simulator's.
+    to hope for. With recordings, writes a picture for each camera, their first frames beside the
+    simulator's, and one of how joints follow their commands.
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]

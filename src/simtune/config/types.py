@@ -16,7 +16,7 @@ _WORDS = {bool: "true or false", int: "a whole number", float: "a number", Path:
 def check_types(config: type, values: Mapping[str, Any]) -> None:
     """Raises InputError for a value that an option of a dataclass of options does not admit.
 
-    A path may be text. Names that are no options are ignored.
+    A path may be text, and no text is empty. Names that are no options are ignored.
     """
     hints = get_type_hints(config)
     for option in fields(config):
@@ -34,6 +34,8 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, str) and value in get_args(hint)
     if isinstance(value, bool):
         return hint is bool
+    if isinstance(value, str) and not value:  # as a path it would be the current folder
+        return False
     return isinstance(value, {float: Real, int: Integral, Path: str | Path}.get(hint, hint))
 
 

@@ -68,6 +68,7 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     trained = build_training(TrainConfig(**options), settings=settings, trained=state)
     _check_unchanged(trained, stored, run_folder)
     trained.load_agent(tensors, state)
+    trained.environment.lowest_reward = state["lowest_reward"]
     if run_config["real"] != "pseudo":
         found = Estimate.from_json(state["estimate"])
         late = round(found.late_steps(trained.real.step_s) + trained.declared_late_steps)

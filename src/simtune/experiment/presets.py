@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
@@ -18,6 +17,7 @@ from simtune.tuning.posterior_config import PosteriorSearchConfig
 _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
 _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
 _FEW_EPISODES = 5  # real ones at first, as in each update of the authors'
+_CROPPED = 0.84  # of a picture's side: the paper's 84 pixels of 100
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but always all.
 _FAST_SEARCH = PosteriorSearchConfig(
     for_policy=True,
@@ -87,29 +87,51 @@ def choose_search_settings(
     search_name: SearchName,
     task: AnyTask,
     recordings: Sequence[Trajectory],
+    image_size: int,
 ) -> PosteriorSearchConfig | PaperConfig:
-    """The search's settings. Raises InputError for too long a window."""
-    is_training = isinstance(config, TrainConfig)
+    """The search's settings, for pictures of `image_size` pixels.
+
+    Raises InputError for too long a window.
+    """
     if search_name == "posterior":
         if isinstance(config, TuneConfig):
             return PosteriorSearchConfig(precision=config.relative_precision)
         assert isinstance(task, Task), "a policy needs a reward"
         return _search_of_training(config, task)
     # Simulated episodes need not be longer than recorded ones.
+    is_training = isinstance(config, TrainConfig)
     longest = task.episode_steps if is_training else PaperConfig.episode_steps
-    episode_steps = min([longest, *map(len, recordings)])
+    usual = PaperConfig(
+        crop_size=min(PaperConfig.crop_size, round(_CROPPED * image_size)),
+        episode_steps=min([longest, *map(len, recordings)]),
+    )
     if not is_training:
-        return PaperConfig(episode_steps=episode_steps)
-    if config.window > episode_steps:
+        return usual
+    assert isinstance(task, Task), "a policy needs a reward"
+    return _small_steps_of_training(config, search_name, task, usual)
+
+
+def _small_steps_of_training(
+    config: TrainConfig, search_name: SearchName, task: Task, usual: PaperConfig
+) -> PaperConfig:
+    """Raises InputError for too long a window."""
+    steps = usual.episode_steps
+    if config.window > steps:
         raise InputError(
-            f"--window must be at most an episode's {episode_steps} steps, got {config.window}"
+            f"--window must be at most an episode's {steps} steps, got {config.window}"
         )
-    settings: dict[str, Any] = {"window": config.window, "range_spm": config.range_spm}
-    settings |= {"step_size": config.step_size, "episode_steps": episode_steps}
+    planned = sum(choose_schedule(config, task, search_name).searches)
+    usual = replace(
+        usual,
+        window=config.window,
+        range_spm=config.range_spm,
+        step_size=config.step_size,
+        max_moves=max(PaperConfig.max_moves, planned),  # the schedule ends a training
+    )
     if config.preset == "fast":  # smaller pictures, and fewer of them before the first move
-        settings |= {"crop_size": 56, "collect_steps": 4000, "pretrain_steps": 0}
-        settings |= {"episodes_per_iteration": 5}
-    else:  # as `schedule.paper` assumes: 2,000 steps a call, for any length of episodes
-        settings |= {"collect_steps": 50_000, "pretrain_steps": 50_000}
-        settings |= {"episodes_per_iteration": max(1, round(2000 / episode_steps))}
-    return PaperConfig(**settings)
+        return replace(usual, collect_steps=4000, pretrain_steps=0, episodes_per_iteration=5)
+    # as `schedule.paper` assumes: 2,000 steps a call, for any length of episodes
+    per_call = max(1, round(2000 / steps))
+    return replace(
+        usual, collect_steps=50_000, pretrain_steps=50_000, episodes_per_iteration=per_call
+    )

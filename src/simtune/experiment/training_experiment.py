@@ -57,7 +57,8 @@ class TrainingExperiment(Experiment):
         """(num_episodes,) of "return" and of goals reached, acting on pixels alone; and a film.
 
         In a world of (N,) parameters, with the reality gap if there is one, and with actions as
-        late as in the real world.
+        late as in the real world. A world that diverges is charged the lowest reward of training,
+        or of these episodes; training itself is charged nothing for them.
         """
         rng = np.random.default_rng((seed, 3))  # not used in training
         worlds = np.tile(world, (num_episodes, 1))
@@ -66,7 +67,10 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
+        lowest = self.environment.lowest_reward
+        self.scored_in.lowest_reward = lowest
         played = self.scored_in.play(act, worlds, rng, True, self.late_steps)
+        self.environment.lowest_reward = lowest  # without a gap, it is where scores came from
         assert played.frames is not None
         assert played.reached is not None
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))

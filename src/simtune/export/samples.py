@@ -19,8 +19,10 @@ from simtune.tuning.joint import Joint
 def draw_samples(run: RunData, space: ParameterSpace, num: int) -> np.ndarray:
     """(num, N) parameters within their bounds, the same in every call.
 
-    Raises InputError for a run of an earlier version of simtune.
+    Raises InputError for a run of an earlier version of simtune, or with damaged files.
     """
+    if "seed" not in run.result:
+        raise InputError(f"{run.path / 'result.json'} is damaged: it has no seed")
     if run.posterior is None:
         raise InputError(
             f"{run.path} has no posterior.npz, since an earlier version wrote it: give its command "
@@ -28,12 +30,9 @@ def draw_samples(run: RunData, space: ParameterSpace, num: int) -> np.ndarray:
         )
     found = [run.result["parameters"][name] for name in space.names]
     mean, low, high = (np.array([p[key] for p in found], float) for key in ("mean", "low", "high"))
-    curves = {
-        name: (np.array(curve["candidates"], float), np.array(curve["prob_higher"], float))
-        for name, curve in run.curves.items()
-    }
     verdicts = [p["verdict"] for p in found]
-    estimate = Estimate(mean, low, high, verdicts, curves, run.posterior.correlation)
+    curves, correlation = run.survival_curves(), run.posterior.correlation
+    estimate = Estimate(mean, low, high, verdicts, curves, correlation)
     return Joint.of(estimate, space).draw(num, np.random.default_rng(run.result["seed"]))
 
 

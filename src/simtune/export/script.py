@@ -18,10 +18,11 @@ _SCRIPT = '''"""Write what simtune found into a MuJoCo model.
 
     python apply.py MODEL.xml TUNED.xml
 
-writes a tuned copy. From Python: apply(model) changes a compiled model, in which the objects below
-have the same names as in the one that was tuned.{note}
+writes a tuned copy, and overwrites nothing. From Python: apply(model) changes a compiled model, in
+which the objects below have the same names as in the one that was tuned.{note}
 """
 
+import os
 import sys
 from pathlib import Path
 
@@ -54,22 +55,43 @@ def check(model: mujoco.MjModel) -> None:
 
 {functions}
 
-if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("expected two files: python apply.py MODEL.xml TUNED.xml")
-    spec = mujoco.MjSpec.from_file(sys.argv[1])
+
+def tuned_spec(path: str) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_file(path)
 {named}    check(spec.copy().compile())
     write_down_inferred(spec)
 {prepared}{not_copied}    model = spec.compile()
     apply(model)
     spec.copy_back(model)
-    spec.to_file(sys.argv[2])
+    return spec
+
+
+def in_a_line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("expected two files: python apply.py MODEL.xml TUNED.xml")
+    original, tuned = sys.argv[1], Path(sys.argv[2])
+    if tuned.exists():
+        sys.exit(f"{{tuned}} is there already, and nothing is overwritten: give another name")
+    new = tuned.with_name(f".{{os.getpid()}}.{{tuned.name}}")  # until it is known to load
     try:
-        mujoco.MjModel.from_xml_path(sys.argv[2])
+        spec = tuned_spec(original)
+    except (ValueError, mujoco.FatalError) as error:
+        sys.exit(f"{{original}} would not load: {{in_a_line(error)}}")
+    try:
+        spec.to_file(str(new))
+        mujoco.MjModel.from_xml_path(str(new))
+        new.replace(tuned)
+    except mujoco.FatalError as error:
+        sys.exit(f"cannot write {{tuned}}: {{in_a_line(error)}}")
     except ValueError as error:  # meshes, say, that it names from another folder
-        Path(sys.argv[2]).unlink()
-        where = f"write it beside {{sys.argv[1]}}, or take model.xml"
-        sys.exit(f"{{sys.argv[2]}} would not load: {{' '.join(str(error).split())}}; {{where}}")
+        where = f"write it beside {{original}}, or take model.xml"
+        sys.exit(f"{{tuned}} would not load: {{in_a_line(error)}}; {{where}}")
+    finally:
+        new.unlink(missing_ok=True)
 '''
 _PREPARED = """
 Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)

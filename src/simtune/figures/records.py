@@ -9,6 +9,7 @@ from typing import Any
 
 from simtune.errors import InputError
 from simtune.run import read_json, read_jsonl
+from simtune.tasks import TASKS
 from simtune.validate import is_number
 
 # Options that may differ between seeds of a group, that make groups otherwise, or that follow from
@@ -29,7 +30,10 @@ class Record:
 
     @property
     def task(self) -> str:
-        return str(self.result["task"])
+        """The task's name; a user's own that is named like a built-in one is told from it."""
+        name = str(self.result["task"])
+        is_own = name in TASKS and self.config.get("task", name) != name
+        return f"{name} (own)" if is_own else name
 
     @property
     def method(self) -> str:

@@ -41,7 +41,8 @@ def choose_real(
     `pseudo`: a simulated world of `real_parameters`, optionally behind a RealityGap; the search
     starts `start_factor` times too high or too low. For a robot or recordings it starts at the
     nominal parameters. A robot films into the run's folder `out` and moves only with `move`;
-    without it, if nothing is filmed yet, a dry run ends in an InputError that tells what it found.
+    without it, if a run has to film and nothing is filmed yet, a dry run ends in an InputError that
+    tells what it found.
     The first `real_episodes` recordings (None: a few) are read at once, so that unsound ones are
     reported before anything is written. Raises InputError for what cannot be read.
     """
@@ -84,7 +85,7 @@ def _views(seen: ObservationModel, image_size: int) -> list[View]:
 
 
 def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None) -> RobotReal:
-    """A robot that may move or has filmed already; else a dry run, then InputError."""
+    """A robot that may move, need not, or has filmed already; else a dry run, then InputError."""
     assert config.robot is not None, "checked"
     if out is None:
         raise ValueError("a robot needs a folder `out` to film into")
@@ -94,15 +95,18 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
     real = RobotReal(
         robot, task, image_size=image_size, seed=config.seed, folder=out / FILMED, move=config.move
     )
-    if not config.move and not real.num_filmed:
-        raise InputError(f"dry run: {real.dry_run()}; give --move to let it move")
-    _check_moves(config, real.num_filmed)
+    never_films = isinstance(config, TrainConfig) and config.method in UNTUNED
+    if not config.move and not never_films:
+        _check_filmed(config, real)
     return real
 
 
-def _check_moves(config: RealConfig, num_filmed: int) -> None:
-    """Raises InputError at once for a training that has to film later, where nothing may move."""
-    if config.move or not isinstance(config, TrainConfig) or config.method in UNTUNED:
+def _check_filmed(config: RealConfig, real: RobotReal) -> None:
+    """Raises InputError at once, where nothing may move, if a run has to film: now or later."""
+    num_filmed = real.num_filmed
+    if not num_filmed:
+        raise InputError(f"dry run: {real.dry_run()}; give --move to let it move")
+    if not isinstance(config, TrainConfig):
         return
     first, tries = config.real_episodes or A_FEW, config.tried_episodes != 0
     if num_filmed < first + tries:

@@ -176,6 +176,17 @@ class RunData:
         names = (channel[:-2] for channel in channels if channel.endswith("_r"))
         return [name for name in names if {f"{name}_g", f"{name}_b"} <= set(channels)]
 
+    def survival_curves(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """{name: (values (C,), P(truth > value) (C,))}. Raises InputError if damaged."""
+        try:
+            return {
+                name: (np.array(curve["candidates"], float), np.array(curve["prob_higher"], float))
+                for name, curve in self.curves.items()
+            }
+        except (KeyError, TypeError, ValueError) as error:
+            what = f"{type(error).__name__}: {error}"
+            raise InputError(f"{self.path / 'curves.json'} is damaged: {what}") from None
+
     def is_colour(self, name: str) -> bool:
         return name[:-2] in self.colours and name[-2:] in ("_r", "_g", "_b")
 
@@ -215,13 +226,17 @@ def read_run(path: Path) -> RunData:
 
 
 def read_finished(path: Path) -> RunData:
-    """Read the folder of a run with a result. Raises InputError for other runs."""
+    """Read the folder of a run with a result. Raises InputError for others and damaged files."""
     run = read_run(path)
     if not run.result.get("parameters"):
         raise InputError(
             f"{path} has no result yet: let the run end, or, where it was interrupted, give its "
             "command once more"
         )
+    if "task" not in run.result:
+        raise InputError(f"{path / 'result.json'} is damaged: it has no task")
+    if "task" not in run.config:
+        raise InputError(f"{path / 'config.json'} is damaged: its config has no task")
     return run
 
 

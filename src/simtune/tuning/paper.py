@@ -16,7 +16,7 @@ from simtune.networks.layers import (
     under,
 )
 from simtune.parameters import ParameterSpace
-from simtune.randomization import Distribution
+from simtune.randomization import Distribution, size_of
 from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
@@ -39,13 +39,19 @@ _NOT_MOVED = (
 
 
 def shift_mean(
-    mean: np.ndarray, prob_higher: np.ndarray, step_size: float, space: ParameterSpace
+    mean: np.ndarray,
+    prob_higher: np.ndarray,
+    step_size: float,
+    space: ParameterSpace,
+    start: np.ndarray | None = None,
 ) -> np.ndarray:
     """ξ_mean + α·(p̄ − ½)·ξ_mean: up to half of α up or down (Algorithm 1, last line).
 
-    The paper adds α·q_φ, which could only grow. Its authors' code subtracts ½, as here.
+    The paper adds α·q_φ, which could only grow. Its authors' code subtracts ½, as here. What is 0
+    at the `start` moves by a share of something else, see `size_of`.
     """
-    return _keep_in_bounds(mean + step_size * (prob_higher - 0.5) * mean, space)
+    size = size_of(space, mean, start)
+    return _keep_in_bounds(mean + step_size * (prob_higher - 0.5) * size, space)
 
 
 def approach(
@@ -97,11 +103,10 @@ class PaperSearch:
         self.num_moves = 0
         self._simulator, self._observation = simulator, context.observation
         self._rng = np.random.default_rng(context.seed)
+        self._start = context.start
         self.distribution = self._around(context.start)
         scale = simulator.action_scale
-        self._store = EpisodeStore(
-            space, filmed_capacity=config.buffer_episodes, device=context.device
-        )
+        self._store = EpisodeStore(space, filmed_capacity=config.num_kept, device=context.device)
         self._buffer = SpmBuffer(self._store, scale)
         with seeded(int(self._rng.integers(2**62))):
             self.model = PaperSearchParamModel(
@@ -174,7 +179,7 @@ class PaperSearch:
                     loss = self.model.regression_loss(windows, truth)
                 else:
                     # U[0, 2·ξ_mean] (Sec. V), independent parameters, clipped to their bounds
-                    reach = Distribution.proportional(self.space, self.distribution.mean, 1.0)
+                    reach = self._around(self.distribution.mean, 1.0)
                     candidates = reach.sample(config.num_candidates, self._rng)
                     loss = self.model.loss(windows, truth, candidates)
                 self._optimizer.zero_grad(set_to_none=True)
@@ -193,7 +198,7 @@ class PaperSearch:
             moved = approach(mean, answer, step_size, self.space)
         else:
             answer, key = self.model.prob_higher(real, mean), "prob_higher"
-            moved = shift_mean(mean, answer, step_size, self.space)
+            moved = shift_mean(mean, answer, step_size, self.space, self._start)
         events = []
         if may_move:
             self.num_moves += 1
@@ -201,8 +206,10 @@ class PaperSearch:
             events = _arrivals(mean, self.distribution)
         return events, {f"{key}/{n}": v for n, v in self.space.to_dict(answer).items()}
 
-    def _around(self, mean: np.ndarray) -> Distribution:
-        return Distribution.proportional(self.space, mean, self.config.range_spm)
+    def _around(self, mean: np.ndarray, range_: float | None = None) -> Distribution:
+        """Worlds within a share `range_` of the (N,) mean, by default the searched share."""
+        range_ = self.config.range_spm if range_ is None else range_
+        return Distribution.proportional(self.space, mean, range_, self._start)
 
     def check(self, real: list[Trajectory]) -> None:
         size = self._simulator.image_size

@@ -14,6 +14,7 @@ from simtune.fit.motion.windows import evenly
 from simtune.fit.physics import Physics
 from simtune.fit.readings.parts import parts_to_play
 from simtune.fit.readings.stretches import Readings, Stretches, filled, is_within, velocities
+from simtune.fit.readings.tied_joints import follow_measured
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
 from simtune.parameters.backlash import play_of
 from simtune.simulation import AnySimulator, Simulator
@@ -131,7 +132,8 @@ class OpenLoop:
     def _as_read(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,).
 
-        Unmeasured positions are those at the start of a simulated episode.
+        Unmeasured positions are those that the model ties to measured ones, or else those at the
+        start of a simulated episode.
         """
         states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
         read, nq = filled(values) - offsets, self.physics.space.nq
@@ -144,6 +146,7 @@ class OpenLoop:
                 continue
             states[..., sensor.places] = joint_values
             states[..., self._velocities_of(sensor)] = velocities(joint_values) / step_s
+        follow_measured(self.physics.simulator.model, states, self._places)
         return states
 
     def _velocities_of(self, sensor: JointSensor) -> np.ndarray:

@@ -86,13 +86,17 @@ class OpenGLRenderer:
 
 
 class _Canvas:
-    """An OpenGL context and MuJoCo's resources in it."""
+    """An OpenGL context and MuJoCo's resources in it. Raises InputError without OpenGL."""
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int]):
         height, width = size
         self._rectangle = mujoco.MjrRect(0, 0, width, height)
         self._gl = _make_gl_context(width, height)
-        self._mjr = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        try:
+            self._mjr = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        except mujoco.FatalError as error:  # GLX without a display makes a context of nothing
+            self._gl.free()
+            raise InputError(_no_opengl(str(error))) from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._mjr)
         atexit.register(self.close)  # before EGL, which also ends at exit and would complain
 

@@ -12,7 +12,9 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 _PLAIN = {
     "gear": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     **dict.fromkeys(("damping", "armature", "inheritrange", "delay"), 0.0),
-    **dict.fromkeys(("nsample", "interp"), 0),
+    **dict.fromkeys(("nsample", "interp", "actearly"), 0),
+    "actlimited": mujoco.mjtLimited.mjLIMITED_FALSE,
+    "actrange": (0.0, 0.0),
 }
 
 

@@ -12,6 +12,7 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
+_SLIDE = mujoco.mjtJoint.mjJNT_SLIDE.value
 _OF_BODIES = (mujoco.mjtEq.mjEQ_CONNECT.value, mujoco.mjtEq.mjEQ_WELD.value)
 _KINDS = ("recording", "distribution", "keyframe")
 # Share of the model's extent: unlimited slides and free joints start within it of their pose
@@ -47,7 +48,7 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
     near = _NEAR * model.stat.extent
     positions, turns, tied = [], [], _tied(model)
     for joint in range(model.njnt):
-        if joint in tied or driven_through(model, joint) >= 0:
+        if joint in tied or _is_of_flex(model, joint) or driven_through(model, joint) >= 0:
             continue
         kind, at = model.jnt_type[joint], int(model.jnt_qposadr[joint])
         if kind in HINGE_OR_SLIDE and model.jnt_limited[joint]:
@@ -59,6 +60,12 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
             positions += [Spread(i, pose[i] - near, pose[i] + near) for i in (at, at + 1)]
             turns.append(Spread(at + 3, -np.pi, np.pi))
     return {"positions": positions, "turns": turns}
+
+
+def _is_of_flex(model: mujoco.MjModel, joint: int) -> bool:
+    """Whether a joint moves a part of a cloth or soft body, whose parts hold each other."""
+    parts = (*model.flex_vertbodyid, *model.flex_nodebodyid)
+    return model.jnt_type[joint] == _SLIDE and model.jnt_bodyid[joint] in parts
 
 
 def _tied(model: mujoco.MjModel) -> set[int]:

@@ -199,7 +199,15 @@ class TomlTable:
         value = self._values[key]
         if not is_right(value):
             raise self.error(f"{key} must be {what}, got {_shown(value)}", key)
-        return value
+        return _for_numpy(value)
+
+
+def _for_numpy(value: Any) -> Any:
+    """With floats in place of whole numbers beyond 64 bits, of which numpy makes objects."""
+    if isinstance(value, list):
+        return [_for_numpy(item) for item in value]
+    is_huge = isinstance(value, int) and abs(value) >= _MOST
+    return float(value) if is_huge else value
 
 
 def _are(value: Any, count: int) -> bool:
