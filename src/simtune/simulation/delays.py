@@ -33,7 +33,7 @@ def remember_controls(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float)
 
     `step_s`: of a policy step; it determines the length of a physics step.
     """
-    # Checked with the model's own timestep as well, which may be the shorter one
+    # The model's own timestep, with which an exported one is played, may be shorter
     adapted_s = step_s / count_substeps(step_s, spec.option.timestep)
     timestep_s = min(adapted_s, spec.option.timestep)
     for parameter in space:
