@@ -148,7 +148,9 @@ def test_notes_tell_the_same_films_of_a_pseudo_real_world_and_two_worlds(tmp_pat
     (said,) = notes()
     assert said.startswith("runs 1 and 2 are of the same recordings")
     assert notes(seed=2) == notes(real_gap=True) == []
-    assert notes(truth="u") == ["the runs are of 2 pseudo-real worlds with other true parameters"]
+    assert notes(truth="u") == [
+        "runs 1 and 2 are of pseudo-real worlds with different true parameters"
+    ]
     assert notes(real="monday", truth=None) == []  # which may be of the same world
 
 

@@ -327,7 +327,7 @@ def test_a_mean_that_starts_at_zero_keeps_a_range_and_gets_to_its_upper_bound():
     np.testing.assert_allclose(low, 0.0105)
 
 
-def test_all_that_is_collected_before_training_is_kept():
+def test_there_is_room_for_what_is_to_be_collected_before_training():
     assert PaperConfig().num_kept == 100
     assert PaperConfig(episode_steps=60).num_kept == 167  # 10,000 steps
     assert a_search(config=replace(SMALL, collect_steps=245))._store.filmed_capacity == 21

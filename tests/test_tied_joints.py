@@ -32,7 +32,7 @@ OPEN = 0.04
         (".001 0", 1, None),  # right says nothing of left
     ],
 )
-def test_by_hand(factors, measured, follows):
+def test_a_joint_is_put_where_its_tie_says(factors, measured, follows):
     """Positions are relative to the model's own pose: left begins at .01."""
     model = mujoco.MjModel.from_xml_string(GRIPPER.format(factors))
     states = np.zeros((2, 3, model.nq + model.nv))

@@ -19,7 +19,7 @@ from simtune.evaluation.evaluate import evaluate
 from simtune.evaluation.replay import _late
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import Guess, OpenLoop, OutputError, OutputErrorFit, Readings, ReplayStage
-from simtune.fit.normal_equations import NormalEquations
+from simtune.fit.elimination import NormalEquations
 from simtune.fit.readings.differences import Where, differentiate
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
 from simtune.observation import ObservationModel

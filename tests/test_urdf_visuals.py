@@ -69,3 +69,14 @@ def test_meshes_of_one_name_look_and_collide_as_their_own_files_say(arm):
     assert sizes(model, model.geom_group < 3) == [1]
     shared, _ = arm(text.replace("visual/a.obj", "collision/a.obj"))
     assert shared.nmesh == 1
+
+
+def test_links_collide_as_their_own_meshes_though_others_have_the_same_name(arm):
+    text = link("forearm", "visual/a.obj", "collision/a.obj")
+    text += link("hand", "collision/b.obj", "visual/b.obj")
+    text += link("thumb", "visual/b.obj", "collision/b.obj")
+    for i, (parent, child) in enumerate((("base", "forearm"), ("base", "hand"), ("base", "thumb"))):
+        text += JOINT.format(f"joint {i}", "continuous", parent, child)
+    model, _ = arm(text)
+    assert sizes(model, model.geom_contype > 0) == [2, 1, 2]
+    assert sizes(model, model.geom_group < 3) == [1, 2, 1]

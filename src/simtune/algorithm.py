@@ -112,8 +112,10 @@ class Training:
         # Without a time limit, which would not be reproducible.
         found = experiment.search.run_round(self.real, Budget(report=self._report))
         if config.drop_far:  # of which the policy's own range may be a small part
-            mean = experiment.search.distribution.mean
-            near = Distribution.proportional(experiment.space, mean, choose_range(config))
+            found_in, range_ = experiment.search.distribution, choose_range(config)
+            near = Distribution.proportional(
+                experiment.space, found_in.mean, range_, found_in.start
+            )
             experiment.replay.drop_far(near.low, near.high)
         self.run.log_round(found, len(self.real))
         self._save()

@@ -34,6 +34,7 @@ class Distribution:
     low: np.ndarray  # (N,)
     high: np.ndarray  # (N,)
     on_own_scale: bool = True
+    start: np.ndarray | None = None  # (N,) of the search, see `size_of`; None: `mean`
 
     @classmethod
     def proportional(
@@ -45,11 +46,11 @@ class Distribution:
     ) -> "Distribution":
         """The paper's: U[mean·(1 − range), mean·(1 + range)], clipped to the bounds.
 
-        A share of something else of parameters that are not above 0, see `size_of`.
+        Of parameters that are not above 0, the range is a share of what `size_of` says.
         """
         size = size_of(space, mean, start)
         ends = space.clip(mean - range_ * size), space.clip(mean + range_ * size)
-        return cls(space, mean, *ends, on_own_scale=False)
+        return cls(space, mean, *ends, on_own_scale=False, start=start)
 
     @classmethod
     def first(cls, space: ParameterSpace, mean: np.ndarray, factor: float = 3.0) -> "Distribution":

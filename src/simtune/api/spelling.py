@@ -9,7 +9,7 @@ from simtune.run.config import FILMED
 
 _OPTION = re.compile(r"(?<![\w/.-])--([a-z][a-z-]+)")  # and no part of a path
 # A file in which an episode from memory was put
-_EPISODE = re.compile(rf"^[^:]*/{FILMED}/\w+/episode_(\d+)\.npz(?=: )")
+_EPISODE = re.compile(rf"^[^:]*/{FILMED}/[0-9a-f]{{16}}/episode_(\d+)\.npz(?=: )")
 
 
 @contextmanager

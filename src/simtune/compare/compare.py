@@ -152,9 +152,10 @@ def _notes(runs: list[RunData]) -> list[str]:
                 f"runs {i + 1} and {k + 1} are of the same recordings, so their errors go "
                 "together: that they agree says less than of other episodes"
             )
-    truths = {run.config["truth"] for run in runs if run.config.get("truth")}
-    if len(truths) > 1:
-        notes.append(f"the runs are of {len(truths)} pseudo-real worlds with other true parameters")
+        elif len({truth for run in (runs[i], runs[k]) if (truth := run.config.get("truth"))}) > 1:
+            notes.append(
+                f"runs {i + 1} and {k + 1} are of pseudo-real worlds with different true parameters"
+            )
     for i, run in enumerate(runs):
         told = run.parameters
         if unknown := [n for n in told if told[n].get("verdict") == "not identifiable"]:

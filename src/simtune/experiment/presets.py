@@ -108,13 +108,13 @@ def choose_search_settings(
     if not is_training:
         return usual
     assert isinstance(task, Task), "a policy needs a reward"
-    return _small_steps_of_training(config, search_name, task, usual)
+    return _paper_search_of_training(config, search_name, task, usual)
 
 
-def _small_steps_of_training(
+def _paper_search_of_training(
     config: TrainConfig, search_name: SearchName, task: Task, usual: PaperConfig
 ) -> PaperConfig:
-    """Raises InputError for too long a window."""
+    """The paper's search, or regression, in a training. Raises InputError for too long a window."""
     steps = usual.episode_steps
     if config.window > steps:
         raise InputError(
@@ -128,7 +128,7 @@ def _small_steps_of_training(
         step_size=config.step_size,
         max_moves=max(PaperConfig.max_moves, planned),  # the schedule ends a training
     )
-    if config.preset == "fast":  # smaller pictures, and fewer of them before the first move
+    if config.preset == "fast":  # fewer pictures before the first move
         return replace(usual, collect_steps=4000, pretrain_steps=0, episodes_per_iteration=5)
     # as `schedule.paper` assumes: 2,000 steps a call, for any length of episodes
     per_call = max(1, round(2000 / steps))

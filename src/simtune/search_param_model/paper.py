@@ -60,7 +60,7 @@ class PaperConfig:
 
     @property
     def num_kept(self) -> int:
-        """Episodes that D_sp has room for: at least all that are collected before training.
+        """Episodes that D_sp has room for: at least `collect_steps`.
 
         50,000 steps at 100 × 100 pixels are 1.5 GB. The authors keep up to 100,000.
         """

@@ -48,7 +48,7 @@ def shift_mean(
     """ξ_mean + α·(p̄ − ½)·ξ_mean: up to half of α up or down (Algorithm 1, last line).
 
     The paper adds α·q_φ, which could only grow. Its authors' code subtracts ½, as here. What is 0
-    at the `start` moves by a share of something else, see `size_of`.
+    at the `start` moves by a share of a tenth of its bounds, see `size_of`.
     """
     size = size_of(space, mean, start)
     return _keep_in_bounds(mean + step_size * (prob_higher - 0.5) * size, space)

@@ -16,9 +16,9 @@ def policy_range(distribution: Distribution, estimate: Estimate, range_: float) 
     are drawn from twice their interval, at most from all of the range, at least from a fifth of it:
     a policy that need not act in worlds that are ruled out acts better in the one that is left.
     """
-    space, mean = distribution.space, distribution.mean
-    widest = Distribution.proportional(space, mean, range_)
-    least = Distribution.proportional(space, mean, _LEAST * range_)
+    space, mean, start = distribution.space, distribution.mean, distribution.start
+    widest = Distribution.proportional(space, mean, range_, start)
+    least = Distribution.proportional(space, mean, _LEAST * range_, start)
     known = np.array([verdict == "identified" for verdict in estimate.verdict])
     low = mean - WIDER * (estimate.mean - estimate.low)
     high = mean + WIDER * (estimate.high - estimate.mean)

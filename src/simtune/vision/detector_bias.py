@@ -17,7 +17,7 @@ _FARTHEST = 3.0  # scales from the middle; beyond, errors are as there
 _LEAST_SCALE_PX = 1.0
 _ITERATIONS = 20
 _LEAST_STD_PX = 0.02  # of errors
-_PRECISION = 1e-3, 1e7  # bounds of λ
+_PENALTY = 1e-3, 1e7  # bounds of λ
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class DetectorBias:
     """Expected errors of L keypoints' coordinates, linear in where all of them are."""
 
     middle_px: np.ndarray  # (2 L,) places, where no error is expected
-    scale_px: np.ndarray  # (2 L,) their standard deviation
+    scale_px: np.ndarray  # (2 L,) their standard deviation, at least a pixel
     slope: np.ndarray  # (2 L, 2 L) px of each error, by columns, for a scale of each place
 
     @classmethod
@@ -37,8 +37,8 @@ class DetectorBias:
 
             Σ w (e − a − x b)² + λ ‖b‖²,    λ = γ σ² / ‖b‖²
 
-        with γ the number of slopes that the data determine (MacKay 1992): what chance explains as
-        well is no bias.
+        with γ the number of slopes that the data determine (MacKay 1992): what independent errors
+        of pictures explain as well is no bias.
         """
         places = truth.reshape(*truth.shape[:2], -1)  # (E, K, 2 L)
         errors = errors.reshape(places.shape)
@@ -81,5 +81,5 @@ def _slope(scaled: np.ndarray, errors: np.ndarray) -> np.ndarray:
         residuals = np.where(known, y - x @ slope, np.nan)
         determined = num - penalty * np.trace(np.linalg.inv(hessian))
         penalty = max(determined, 0.01) * std**2 / max(slope @ slope, 1e-12)
-        penalty = float(np.clip(penalty, *_PRECISION))
+        penalty = float(np.clip(penalty, *_PENALTY))
     return slope

@@ -114,6 +114,7 @@ class KeypointTracks:
 
     def _residuals(self, predicted: np.ndarray, blur: float) -> np.ndarray:
         """(..., K, 2, L, 2) from each candidate to (..., K, 2 L), in units of the noise."""
+        # Slopes of predictions are taken without it: they differ by a percent.
         found = predicted if self.bias is None else predicted + self.bias(predicted)
         points = found.reshape(*found.shape[:-1], 1, -1, 2)
         return (points - self.candidates) / (blur * self.noise_px)[:, None]

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.fit.elimination import NormalEquations, eliminate
 from simtune.fit.lateness import Lateness
 from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.shooting_config import Spans
 from simtune.fit.motion.windows import Windows
-from simtune.fit.normal_equations import NormalEquations, eliminate
 from simtune.fit.physics import Physics, is_lost
 
 _SMALLEST_DELTA = 1e-5  # of a state's unknowns

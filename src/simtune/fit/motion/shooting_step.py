@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import COMMON_STD, combine, robust_weights
+from simtune.fit.elimination import NormalEquations
 from simtune.fit.lateness import Lateness
 from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.linearization import (
@@ -17,7 +18,6 @@ from simtune.fit.motion.linearization import (
 )
 from simtune.fit.motion.shooting_config import Spans
 from simtune.fit.motion.windows import Windows
-from simtune.fit.normal_equations import NormalEquations
 from simtune.fit.physics import Physics
 
 _PRIOR = 3.0  # factor on the std of first guesses: the estimator overstates its accuracy

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from simtune.fit.normal_equations import NormalEquations, eliminate
+from simtune.fit.elimination import NormalEquations, eliminate
 from simtune.fit.readings.residuals import HUBER
 from simtune.fit.readings.slopes import StretchSlopes
 

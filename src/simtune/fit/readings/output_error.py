@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget
+from simtune.fit.elimination import NormalEquations
 from simtune.fit.lateness import Lateness
-from simtune.fit.normal_equations import NormalEquations
 from simtune.fit.readings.differences import differentiate, refresh
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
 from simtune.fit.readings.open_loop import OpenLoop

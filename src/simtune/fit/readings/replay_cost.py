@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.combine import step_within_bounds
-from simtune.fit.normal_equations import NormalEquations
+from simtune.fit.elimination import NormalEquations
 from simtune.fit.readings.differences import Where
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoop

@@ -20,7 +20,8 @@ def draw_all_links(text: str, name: str) -> str:
     """The text without visual meshes that MuJoCo cannot read, such as Collada's; warns of them.
 
     Links that lose one are drawn as they collide: copies of their collision geometry are added to
-    what is seen. (MuJoCo merges links, so what is seen of one would hide the other's.)
+    what is seen. (MuJoCo merges links that a fixed joint connects, and `read_urdf` hides what
+    collides of a body of which anything is seen.)
     """
     unread: dict[str, None] = {}
 
@@ -47,15 +48,12 @@ def draw_all_links(text: str, name: str) -> str:
 
 
 def tell_meshes_apart(text: str) -> tuple[str, dict[str, str]]:
-    """The text with other names of some visual meshes, and {name: file} of these.
+    """The text with other names of some meshes, and {name: file} of these.
 
     MuJoCo calls a mesh by its file's name without folder and ending, and takes the first for all
-    of that name. Links would collide as they look.
+    of that name. Without this, a link could collide as it, or as another, looks.
     """
     taken: dict[str, str] = {}
-    for collision in _COLLISION.finditer(text):
-        for file in _files(collision[0]):
-            taken.setdefault(PurePosixPath(file).stem, file)
     names: dict[str, str] = {}
 
     def renamed(mesh: re.Match) -> str:
@@ -63,10 +61,11 @@ def tell_meshes_apart(text: str) -> tuple[str, dict[str, str]]:
         path = PurePosixPath(file)
         if taken.setdefault(path.stem, file) == file:
             return mesh[0]
-        name = names.setdefault(file, f"{path.stem}_visual_{len(names)}{path.suffix}")
+        name = names.setdefault(file, f"{path.stem}_{len(names)}_of_simtune{path.suffix}")
         return f"{start}{quote}{name}{quote}"
 
-    text = _VISUAL.sub(lambda visual: _MESH.sub(renamed, visual[0]), text)
+    for part in (_COLLISION, _VISUAL):  # in this order: names of what collides stay, if they can
+        text = part.sub(lambda found: _MESH.sub(renamed, found[0]), text)
     return text, {name: file for file, name in names.items()}
 
 

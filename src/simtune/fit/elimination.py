@@ -6,7 +6,7 @@ import numpy as np
 
 
 class NormalEquations(NamedTuple):
-    """Of W experiments with F unknowns of its own each, and P unknowns shared by all."""
+    """Of W experiments with F unknowns of their own, and P unknowns shared by all."""
 
     hessian: np.ndarray  # (W, F, F) H, of the own unknowns
     cross: np.ndarray  # (W, F, P) C, own by shared unknowns
