@@ -112,10 +112,8 @@ class Training:
         # Without a time limit, which would not be reproducible.
         found = experiment.search.run_round(self.real, Budget(report=self._report))
         if config.drop_far:  # of which the policy's own range may be a small part
-            found_in, range_ = experiment.search.distribution, choose_range(config)
-            near = Distribution.proportional(
-                experiment.space, found_in.mean, range_, found_in.start
-            )
+            found_in = experiment.search.distribution
+            near = found_in.around(found_in.mean, choose_range(config))
             experiment.replay.drop_far(near.low, near.high)
         self.run.log_round(found, len(self.real))
         self._save()

@@ -52,6 +52,10 @@ class Distribution:
         ends = space.clip(mean - range_ * size), space.clip(mean + range_ * size)
         return cls(space, mean, *ends, on_own_scale=False, start=start)
 
+    def around(self, mean: np.ndarray, range_: float) -> "Distribution":
+        """`proportional` around another mean of the same search."""
+        return Distribution.proportional(self.space, mean, range_, self.start)
+
     @classmethod
     def first(cls, space: ParameterSpace, mean: np.ndarray, factor: float = 3.0) -> "Distribution":
         """The first range of a search: a factor up and down; all of a linear scale's bounds."""

@@ -4,6 +4,7 @@ from simtune.agents.agent import Agent, AgentSpec, Observation
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.agents.teacher_student import TeacherStudent
+from simtune.networks.pixel_encoder import crop_of
 
 
 def make_agent(name: str, spec: AgentSpec) -> Agent:
@@ -16,8 +17,7 @@ def make_agent(name: str, spec: AgentSpec) -> Agent:
         config = DrqV2Config(image_size=size, num_stacked=num_stacked, noise_steps=noise_steps)
         return DrqV2(spec.num_actions, config, seed=spec.seed, device=spec.device)
     assert name == "curl_sac", name
-    crop_size = round(0.84 * size)  # 84 of 100
-    config = CurlSacConfig(image_size=size, crop_size=crop_size, num_stacked=num_stacked)
+    config = CurlSacConfig(image_size=size, crop_size=crop_of(size), num_stacked=num_stacked)
     return CurlSac(spec.num_actions, config, seed=spec.seed, device=spec.device)
 
 

@@ -21,7 +21,7 @@ from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
 from simtune.api.spelling import in_python
 from simtune.checking import carry_out as carry_out_check
-from simtune.config import UNTUNED, CheckConfig, TrainConfig, TuneConfig, check_types
+from simtune.config import CheckConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.experiment.outcome import asked
 from simtune.progress import ProgressBar, ReportProgress, silent
@@ -151,8 +151,8 @@ def _config_of_run(
     if callable(real) and stored_config(out) and not (folder / EPISODES).exists():
         raise InputError(f"{out} holds a run that was not filmed by a function; give another out")
     num = options.get("real_episodes")
-    if isinstance(config, TrainConfig) and config.method in UNTUNED:
-        num = 1  # for the length of a step: no search looks at pictures
+    if not config.has_search:
+        num = 1  # for the length of a step
     return replace(config, real=fspath(_recordings(real, folder, num)))
 
 

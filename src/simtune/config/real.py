@@ -104,6 +104,11 @@ class RealConfig(RecordingsConfig):
     seed: int = 0
     """Seed of all random numbers; with `pseudo` it also chooses which parameters start too high."""
 
+    @property
+    def has_search(self) -> bool:
+        """Whether a search looks at the real world."""
+        return True
+
     def check_real(self) -> None:
         """Raises InputError for invalid options."""
         self.check_recordings(self.real not in NO_RECORDINGS)

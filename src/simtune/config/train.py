@@ -71,6 +71,10 @@ class TrainConfig(Prints, Observes, RealConfig):
     window: int = 10
     """Number of frames that --search paper and regression use together (Sec. V)."""
 
+    @property
+    def has_search(self) -> bool:
+        return self.method not in UNTUNED
+
     def check(self) -> None:
         """Raises InputError for invalid options."""
         self.check_real()
@@ -79,11 +83,11 @@ class TrainConfig(Prints, Observes, RealConfig):
         for name in ("range_policy", "range_dr", "range_spm", "step_size"):
             if not 0 < getattr(self, name) <= 1:
                 raise InputError(f"{flag(name)} must lie in (0, 1], got {getattr(self, name):g}")
-        if self.pretrain_steps and self.method in UNTUNED:
+        if self.pretrain_steps and not self.has_search:
             raise InputError("--pretrain-steps goes with --method autotune or regression")
         if self.method == "oracle" and self.real != "pseudo":
             raise InputError("--method oracle needs --real pseudo: other truths are unknown")
-        if self.observe and self.method in UNTUNED:
+        if self.observe and not self.has_search:
             raise InputError("--observe goes with --method autotune or regression")
         if self.search and self.method != "autotune":
             raise InputError("--search goes with --method autotune only")
@@ -97,7 +101,7 @@ class TrainConfig(Prints, Observes, RealConfig):
             own = ("range_spm", "step_size", "window")
             usual_without(self, "--search paper or --method regression", *own)
         check_known_colour(self.known_colour, search)
-        if self.method in UNTUNED:
+        if not self.has_search:
             own = ("real_episodes", "tried_episodes", "range_policy", "drop_far")
             usual_without(self, "--method autotune or regression", *own)
         if self.method != "dr" and not self.pretrain_steps:

@@ -8,6 +8,7 @@ from simtune.errors import InputError
 from simtune.experiment.schedule import PAPER_STEPS, SCHEDULES, Schedule
 from simtune.fit import FitConfig
 from simtune.names import SearchName
+from simtune.networks.pixel_encoder import crop_of
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
@@ -17,7 +18,6 @@ from simtune.tuning.posterior_config import PosteriorSearchConfig
 _AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
 _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
 _FEW_EPISODES = 5  # real ones at first, as in each update of the authors'
-_CROPPED = 0.84  # of a picture's side: the paper's 84 pixels of 100
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but always all.
 _FAST_SEARCH = PosteriorSearchConfig(
     for_policy=True,
@@ -102,7 +102,7 @@ def choose_search_settings(
     is_training = isinstance(config, TrainConfig)
     longest = task.episode_steps if is_training else PaperConfig.episode_steps
     usual = PaperConfig(
-        crop_size=min(PaperConfig.crop_size, round(_CROPPED * image_size)),
+        crop_size=min(PaperConfig.crop_size, crop_of(image_size)),
         episode_steps=min([longest, *map(len, recordings)]),
     )
     if not is_training:

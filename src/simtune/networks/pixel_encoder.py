@@ -8,7 +8,13 @@ from torch.nn import functional
 
 NUM_FEATURES = 50  # of a stack, as in CURL
 _CPU_SLICE = 32  # stacks whose intermediate results fit in a cache, and in reused memory
+_CROPPED = 0.84  # of a picture's side: the paper's 84 pixels of 100
 _ALIGNED = 8  # bfloat16 numbers in the 16 bytes by which a GPU's matrix units read
+
+
+def crop_of(image_size: int) -> int:
+    """Side of the crops of square pictures, pixels (RAD's, as in the paper's appendix)."""
+    return round(_CROPPED * image_size)
 
 
 class PixelConvolutions(nn.Module):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from simtune.cameras.views import View
-from simtune.config import ROBOTS, UNTUNED, RealConfig, RecordingsConfig, TrainConfig
+from simtune.config import ROBOTS, RealConfig, RecordingsConfig, TrainConfig
 from simtune.config.robot import Driver
 from simtune.devices import choose_device
 from simtune.errors import InputError, UnknownName
@@ -95,8 +95,7 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
     real = RobotReal(
         robot, task, image_size=image_size, seed=config.seed, folder=out / FILMED, move=config.move
     )
-    never_films = isinstance(config, TrainConfig) and config.method in UNTUNED
-    if not config.move and not never_films:
+    if config.has_search and not config.move:
         _check_filmed(config, real)
     return real
 

@@ -103,8 +103,8 @@ class PaperSearch:
         self.num_moves = 0
         self._simulator, self._observation = simulator, context.observation
         self._rng = np.random.default_rng(context.seed)
-        self._start = context.start
-        self.distribution = self._around(context.start)
+        start, range_ = context.start, config.range_spm
+        self.distribution = Distribution.proportional(space, start, range_, start)
         scale = simulator.action_scale
         self._store = EpisodeStore(space, filmed_capacity=config.num_kept, device=context.device)
         self._buffer = SpmBuffer(self._store, scale)
@@ -179,7 +179,7 @@ class PaperSearch:
                     loss = self.model.regression_loss(windows, truth)
                 else:
                     # U[0, 2·ξ_mean] (Sec. V), independent parameters, clipped to their bounds
-                    reach = self._around(self.distribution.mean, 1.0)
+                    reach = self.distribution.around(self.distribution.mean, 1.0)
                     candidates = reach.sample(config.num_candidates, self._rng)
                     loss = self.model.loss(windows, truth, candidates)
                 self._optimizer.zero_grad(set_to_none=True)
@@ -198,18 +198,13 @@ class PaperSearch:
             moved = approach(mean, answer, step_size, self.space)
         else:
             answer, key = self.model.prob_higher(real, mean), "prob_higher"
-            moved = shift_mean(mean, answer, step_size, self.space, self._start)
+            moved = shift_mean(mean, answer, step_size, self.space, self.distribution.start)
         events = []
         if may_move:
             self.num_moves += 1
-            self.distribution = self._around(moved)
+            self.distribution = self.distribution.around(moved, self.config.range_spm)
             events = _arrivals(mean, self.distribution)
         return events, {f"{key}/{n}": v for n, v in self.space.to_dict(answer).items()}
-
-    def _around(self, mean: np.ndarray, range_: float | None = None) -> Distribution:
-        """Worlds within a share `range_` of the (N,) mean, by default the searched share."""
-        range_ = self.config.range_spm if range_ is None else range_
-        return Distribution.proportional(self.space, mean, range_, self._start)
 
     def check(self, real: list[Trajectory]) -> None:
         size = self._simulator.image_size
@@ -244,7 +239,8 @@ class PaperSearch:
         load_weights(self.model, under("model.", tensors), "model")
         load_optimizer_tensors(self._optimizer, under("optimizer.", tensors))
         self._store.load(under("store.", tensors), state["store"], self._simulator.render)
-        self.distribution = self._around(np.array(state["mean"]))
+        mean, range_ = np.array(state["mean"]), self.config.range_spm
+        self.distribution = self.distribution.around(mean, range_)
         self.num_moves = state["num_moves"]
         self._rng.bit_generator.state = state["rng"]
 

@@ -16,9 +16,9 @@ def policy_range(distribution: Distribution, estimate: Estimate, range_: float) 
     are drawn from twice their interval, at most from all of the range, at least from a fifth of it:
     a policy that need not act in worlds that are ruled out acts better in the one that is left.
     """
-    space, mean, start = distribution.space, distribution.mean, distribution.start
-    widest = Distribution.proportional(space, mean, range_, start)
-    least = Distribution.proportional(space, mean, _LEAST * range_, start)
+    mean = distribution.mean
+    widest = distribution.around(mean, range_)
+    least = distribution.around(mean, _LEAST * range_)
     known = np.array([verdict == "identified" for verdict in estimate.verdict])
     low = mean - WIDER * (estimate.mean - estimate.low)
     high = mean + WIDER * (estimate.high - estimate.mean)
