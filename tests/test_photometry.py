@@ -8,7 +8,7 @@ import pytest
 from simtune.errors import InputError
 from simtune.fit.pictures.picture_fit import PictureFit, Pictures, exposed, fit_pictures
 from simtune.fit.pictures.response import CameraResponse, step_by_known_colours
-from simtune.fit.pictures.scene import PixelSlopes
+from simtune.fit.pictures.scene import SHOWN, PictureScene, PixelSlopes
 from simtune.recordings import decode, write_video
 from simtune.tasks import load_any_task, load_task, with_known_colours
 from simtune.vision.image_noise import ImageNoise
@@ -158,12 +158,35 @@ def test_without_a_known_colour_ratios_are_told_and_brightness_is_not(fit):
 
 def test_a_videos_blur_of_chroma_is_found_and_colours_with_it(fit, pictures, tmp_path):
     sharp = fit(CARD)
-    np.testing.assert_allclose(sharp.chroma_blur, 0, atol=0.1)
+    np.testing.assert_allclose(sharp.blur, 0, atol=0.1)
     write_video(tmp_path / "a.mp4", pictures.frames, fps=1, keyframe_interval=1)
     filmed = np.stack([frame for _, frame in decode(tmp_path / "a.mp4")])
     found = fit(CARD, frames=filmed)
-    assert 0.4 < found.chroma_blur[0] < 2
+    assert 0.4 < found.blur[0, 1] < 2
     np.testing.assert_allclose(found.unit, TRUTH, atol=0.02)
+
+
+def test_a_lens_that_is_soft_is_found_and_makes_thin_things_no_paler(fit, pictures):
+    sharp = pictures.frames.astype(np.float32)
+    soft = np.rint(sharp + 0.7 * (smoothed(sharp) - sharp)).astype(np.uint8)
+    found = fit(CARD, frames=soft)
+    assert found.blur[0, 0] == pytest.approx(0.7, abs=0.1)
+    assert found.blur[0, 1] < 0.2
+    np.testing.assert_allclose(found.unit, TRUTH, atol=0.02)
+
+
+def test_derivatives_by_the_blur_are_those_of_what_is_seen(simulator, pictures):
+    parameters, shown = simulator.space.nominal, np.arange(1, 10)
+    scene = PictureScene(simulator, pictures.full_states, shown, None, True, parameters)
+    scene.blur, unit = np.array([0.3, 0.5]), simulator.space.to_unit(parameters)
+    drawn = scene.draw(unit)
+    slopes = scene.derive(unit, drawn)
+    told = (np.abs(slopes.shown) > SHOWN).any(0)
+    for i, change in enumerate(0.01 * np.eye(2)):
+        scene.blur = np.array([0.3, 0.5]) + change
+        by_hand = (scene.draw(unit) - drawn) / 0.01
+        np.testing.assert_allclose(slopes.blur[i], by_hand * told, atol=1e-3)
+        assert np.abs(slopes.blur[i]).max() > 0.01
 
 
 def test_pictures_that_are_the_simulators_own_have_no_response(fit):

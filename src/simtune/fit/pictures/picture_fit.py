@@ -37,7 +37,9 @@ _ROUNDING = 1 / 255 / 12**0.5  # standard deviation
 _SQUARE_PX = 4  # neighbouring pixels are correlated: a square of 4 × 4 counts as one
 _OTHERS = 0.3  # largest share of other colours in a pixel, relative to it being all white
 _RIDGE = 1e-6  # of information, for what no picture shows
-_MOST_BLUR = 2.0  # of chroma; about 1 for a video of pixels that are not averaged afterwards
+# Of a lens, which smooths at most once, and of chroma; about 1 for a video of pixels that are not
+# averaged afterwards
+_MOST_BLUR = 1.0, 2.0
 _EXPOSURE_STD = 0.1  # prior of a picture's log exposure, which automatic cameras let drift
 _DERIVED_EVERY = 2  # iterations: derivatives cost most, and change slowly
 
@@ -62,14 +64,14 @@ class PictureFit:
     covariance: np.ndarray  # (V, V); 0 for known parameters
     noise: np.ndarray  # (V,) robust std of the pixels that show each, of the full scale
     responses: list[CameraResponse]  # one per camera; none if pictures are the simulator's own
-    chroma_blur: np.ndarray  # (C,) see `PictureScene`; empty then
+    blur: np.ndarray  # (C, 2) of pictures and of their chroma, see `PictureScene`; empty then
     log_exposure: np.ndarray  # (M, C), of each picture; empty then
 
     @classmethod
     def of_nothing(cls) -> "PictureFit":
         """Where no parameter is visible."""
         none = np.empty(0)
-        return cls(none, np.empty((0, 0)), none, [], none, np.empty((0, 0)))
+        return cls(none, np.empty((0, 0)), none, [], np.empty((0, 2)), np.empty((0, 0)))
 
 
 def fit_pictures(
@@ -122,10 +124,10 @@ class _Fit:
         robust[scene.is_overexposed(self._frames, noise)] = 0
         cameras = self._see_known(drawn, residual, robust)
         trust = robust_weights(np.minimum(np.square(residual / noise), 9).mean(1))
-        unknowns = np.concatenate([slopes.shown[~self._known], slopes.chroma, slopes.response])
+        unknowns = np.concatenate([slopes.shown[~self._known], slopes.blur, slopes.response])
         weight = robust / noise**2 / _SQUARE_PX**2
         information, slope, follow = _without_poses(unknowns, slopes.pose, weight, residual, scene)
-        few, num = len(self._fitted), len(self._fitted) + len(scene.chroma_blur)
+        few, num = len(self._fitted), len(self._fitted) + len(scene.blur)
         colours = combine(information[:, :num, :num], slope[:, :num], self._variance, trust)
         leads = np.einsum("m,mpq->pq", trust, information[:, :num])
         leads = np.linalg.solve(leads[:, :num] + _RIDGE * np.eye(num), leads[:, num:])  # −du/dρ
@@ -133,7 +135,8 @@ class _Fit:
         self._variance, before = colours.variance, self._unit[self._fitted]
         step = colours.step(before, _LARGEST_STEP, _DAMPING_STD)
         self._unit[self._fitted] = after = np.clip(before + step[:few], 0, 1)
-        scene.chroma_blur = np.clip(scene.chroma_blur + step[few:], 0, _MOST_BLUR)
+        most = np.tile(_MOST_BLUR, len(scene.blur) // 2)
+        scene.blur = np.clip(scene.blur + step[few:], 0, most)
         scene.response = scene.response + cameras.step
         went = np.concatenate([after - before, step[few:], cameras.step])
         scene.move(-follow[..., -1] - follow[..., :-1] @ went)
@@ -149,7 +152,7 @@ class _Fit:
         few = len(self._fitted)
         covariance[np.ix_(~known, ~known)] = self._covariance[:few, :few] + np.diag(rounding)
         scene = self._scene
-        cameras = scene.responses, scene.chroma_blur, scene.log_exposure
+        cameras = scene.responses, scene.blur.reshape(-1, 2), scene.log_exposure
         return PictureFit(self._unit[self._shown], covariance, noise, *cameras)
 
     def _see_known(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from simtune.fit.physics import Physics
-from simtune.simulation.states import StateSpace
+from simtune.simulation import StateSpace
 
 # Places that show what changes between places; uneven, since a texture may repeat at even ones
 _FIRST = np.linspace(-1, 1, 25) * (0.8 + 0.2 * np.linspace(-1, 1, 25) ** 2)

@@ -8,7 +8,7 @@ from scipy.ndimage import binary_erosion, generate_binary_structure
 from simtune.cameras.views import apart, parts
 from simtune.fit.pictures.response import NUM_UNKNOWN, CameraResponse
 from simtune.simulation import Simulator
-from simtune.vision.smoothing import with_smooth_chroma
+from simtune.vision.smoothing import smoothed, with_smooth_chroma
 
 SHOWN = 0.05  # change of a pixel, of the full scale, over a parameter's whole range
 _DELTA = 0.03  # finite-difference step of a parameter: several of a pixel's 256 levels
@@ -21,7 +21,7 @@ class PixelSlopes(NamedTuple):
     """Derivatives of pixels, of the full scale."""
 
     shown: np.ndarray  # (V, M, pixels) by each parameter's unit coordinate
-    chroma: np.ndarray  # (C, M, pixels) by the blur of each camera's chroma
+    blur: np.ndarray  # (2 C, M, pixels) by each camera's blur, see `PictureScene`
     response: np.ndarray  # (5 C, M, pixels) by each unknown of the cameras' responses
     pose: np.ndarray  # (D, M, pixels) by each standard deviation of a pose
 
@@ -61,8 +61,9 @@ class PictureScene:
         # (M, C) logarithms of the pictures' exposures, 0 on average over those of a camera
         self.log_exposure = np.zeros((len(full_states), num_real))
         self.response = np.zeros(NUM_UNKNOWN * num_real)  # (5 C,)
-        # (C,) chroma smoothing by each camera's video, 1: as much as smoothing once
-        self.chroma_blur = np.zeros(num_real)
+        # (2 C,) smoothing of each camera's pictures by its lens, and of their chroma by its video;
+        # 1: as much as smoothing once
+        self.blur = np.zeros(2 * num_real)
         self._rendered = np.zeros((0, 0, 0, 3), np.float32)  # by the last `draw`
 
     @property
@@ -111,34 +112,41 @@ class PictureScene:
         of_pose = np.empty((self.moved.shape[1], *drawn.shape), np.float32)
         for i, one in enumerate(np.eye(self.moved.shape[1])):
             of_pose[i] = self._see(self._render(self.moved + one, unit)) - drawn
-        of_chroma, of_response = self._derive_cameras(drawn)
+        of_blur, of_response = self._derive_cameras(drawn)
         # Only where a fitted parameter shows: other colours of the model may be wrong.
-        of_chroma *= (np.abs(slopes) > SHOWN).any(0)
-        return PixelSlopes(slopes, of_chroma, of_response, of_pose)
+        of_blur *= (np.abs(slopes) > SHOWN).any(0)
+        return PixelSlopes(slopes, of_blur, of_response, of_pose)
 
     def _derive_cameras(self, like: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(C, M, pixels) and (5 C, M, pixels) derivatives; none if no camera is real."""
+        """(2 C, M, pixels) and (5 C, M, pixels) derivatives; none if no camera is real."""
         if not self._is_real:
             nothing = np.zeros((0, *like.shape), np.float32)
             return nothing, nothing
         rendered, exposures = self._rendered, np.exp(self.log_exposure)
-        of_chroma = np.zeros((len(self.chroma_blur), *rendered.shape), np.float32)
+        of_blur = np.zeros((len(self.blur), *rendered.shape), np.float32)
         slopes = np.zeros((len(self.response), *rendered.shape), np.float32)
         cameras = zip(self.responses, exposures.T, parts(self._simulator.widths), strict=True)
         for number, (response, exposure, columns) in enumerate(cameras):
             view, from_here = rendered[:, :, columns], slice(NUM_UNKNOWN * number, None)
             slopes[from_here][:NUM_UNKNOWN, :, :, columns] = response.derive(view, exposure)
-            of_chroma[number][:, :, columns] = _lost_chroma(response(view, exposure))
-        return self.compared(of_chroma), self.compared(slopes)
+            sharp, (soft, chroma) = response(view, exposure), self._blurs[number]
+            lost = smoothed(sharp) - sharp
+            of_blur[2 * number][:, :, columns] = lost + chroma * _lost_chroma(lost)
+            of_blur[2 * number + 1][:, :, columns] = _lost_chroma(sharp + soft * lost)
+        return self.compared(of_blur), self.compared(slopes)
+
+    @property
+    def _blurs(self) -> np.ndarray:
+        """(C, 2)"""
+        return self.blur.reshape(-1, 2).astype(np.float32)
 
     def _see(self, rendered: np.ndarray) -> np.ndarray:
         """(M, pixels) of (M, H, W, 3), with the cameras' current responses and blur."""
         if not self._is_real:
             return self.compared(rendered)
         views = apart(self._respond(rendered), self._simulator.widths)
-        blurs = self.chroma_blur.astype(np.float32)
-        filmed = [v + blur * _lost_chroma(v) for v, blur in zip(views, blurs, strict=True)]
-        return self.compared(np.concatenate(filmed, 2))
+        both = zip(views, self._blurs, strict=True)
+        return self.compared(np.concatenate([_blurred(view, *blurs) for view, blurs in both], 2))
 
     def _respond(self, rendered: np.ndarray) -> np.ndarray:
         """(M, H, W, 3) with the cameras' responses and exposures, before video compression."""
@@ -164,6 +172,12 @@ def _within(covered: np.ndarray) -> np.ndarray:
     """(M, H, W) bool without a margin that smoothing and a slight move may take in."""
     around = generate_binary_structure(2, 2)[None]
     return binary_erosion(covered, around, _MARGIN_PX, border_value=1)
+
+
+def _blurred(pictures: np.ndarray, soft: np.float32, chroma: np.float32) -> np.ndarray:
+    """(M, H, W, 3) by a lens, then by a video; see `PictureScene`."""
+    soft_ones = pictures + soft * (smoothed(pictures) - pictures)
+    return soft_ones + chroma * _lost_chroma(soft_ones)
 
 
 def _lost_chroma(pictures: np.ndarray) -> np.ndarray:
