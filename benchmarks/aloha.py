@@ -27,7 +27,7 @@ from two_arms.world import World, film
 
 from simtune.config import TuneConfig
 from simtune.errors import InputError
-from simtune.real.choose import observed, open_recordings
+from simtune.real.observed import observed, open_recordings
 from simtune.run.files import read_json, write_json
 from simtune.tasks import Task, load_task
 

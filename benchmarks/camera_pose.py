@@ -26,7 +26,7 @@ from simtune.camera_pose import find_camera_pose
 from simtune.cameras.views import View
 from simtune.config import CheckConfig
 from simtune.observation import ObservationModel
-from simtune.real.choose import observed
+from simtune.real.observed import observed
 from simtune.recordings import write_dataset
 from simtune.simulation import OPENGL_DM_CONTROL
 from simtune.tasks import Task, load_task

@@ -24,7 +24,7 @@ from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.scene import measured_states, with_any_camera
 from simtune.config import CheckConfig
 from simtune.observation import ObservationModel
-from simtune.real.choose import observed, open_recordings
+from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory

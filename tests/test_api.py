@@ -14,7 +14,7 @@ import simtune
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.outcome import asked
-from simtune.run import write_json
+from simtune.run.files import write_json
 from simtune.tasks import cartpole
 from simtune.tuning_run import tune as tune_from_options
 
@@ -313,6 +313,21 @@ def test_a_run_without_a_policy_says_so(result):
     with pytest.raises(ValueError, match=r"is no folder that `simtune train` wrote") as error:
         result.policy()
     assert "--" not in str(error.value)
+
+
+def test_a_path_may_begin_with_the_home_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    asked_for = []
+    monkeypatch.setattr(
+        "simtune.api.commands.carry_out_tuning", lambda c, *_, **__: asked_for.append(c)
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(str(tmp_path / 'run'))} is no run"):
+        simtune.tune("cartpole", out="~/run", real="~/films")
+    assert (asked_for[0].out, asked_for[0].real) == (tmp_path / "run", str(tmp_path / "films"))
+    with pytest.raises(ValueError, match=re.escape(str(tmp_path / "arm.toml"))):
+        simtune.load_task("~/arm.toml")
+    assert not (tmp_path / "~").exists()
 
 
 def test_real_must_be_said(tmp_path):

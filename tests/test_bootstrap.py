@@ -29,7 +29,7 @@ from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearc
 from simtune.simulation import Rollouts
 from simtune.tasks import load_task
 from simtune.tuning.fit_stage import FitStage
-from simtune.tuning.judging import conclude
+from simtune.tuning.fit_verdict import conclude
 from simtune.tuning.range_update import RangeUpdateConfig, normal_curves
 from simtune.vision.detector_noise import DetectorNoise
 

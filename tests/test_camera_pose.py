@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from simtune import cli
+from simtune.camera_pose import find_camera_pose
 from simtune.camera_pose.film import Film
-from simtune.camera_pose.find import find_camera_pose
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
 from simtune.camera_pose.scene import anywhere, measured_states, with_any_camera
@@ -24,7 +24,7 @@ from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.parameters import ModelWriter
-from simtune.real.choose import observed
+from simtune.real.observed import observed
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
 

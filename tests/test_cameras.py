@@ -19,7 +19,8 @@ from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, colour
 from simtune.randomization import Distribution
-from simtune.real.choose import choose_real, observed
+from simtune.real.choose import choose_real
+from simtune.real.observed import observed
 from simtune.real.recorded import RecordedReal
 from simtune.record import record
 from simtune.recordings import open_dataset, write_dataset

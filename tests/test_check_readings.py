@@ -23,11 +23,11 @@ from simtune.checking.servos.joint_ranges import beyond_ranges
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.settings import Settings
-from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit import OpenLoopReplay
 from simtune.fit.readings.sensitivity import ReplayedReadings
 from simtune.fit.sensitivity import one_by_one
 from simtune.observation import JointSensor
-from simtune.real.choose import observed, open_recordings
+from simtune.real.observed import observed, open_recordings
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
@@ -397,7 +397,7 @@ def test_readings_that_span_more_than_a_joint_without_a_servo_can_move_are_notic
 
 def astray(monkeypatch, which: slice) -> None:
     """The model diverges from where the readings of some of three stretches begin."""
-    play = OpenLoop.play
+    play = OpenLoopReplay.play
 
     def diverging(self, stretches, starts, worlds):
         predicted, states = play(self, stretches, starts, worlds)
@@ -405,7 +405,7 @@ def astray(monkeypatch, which: slice) -> None:
             predicted[:, which] = np.nan
         return predicted, states
 
-    monkeypatch.setattr(OpenLoop, "play", diverging)
+    monkeypatch.setattr(OpenLoopReplay, "play", diverging)
 
 
 def test_a_model_that_goes_astray_is_told_with_what_readings_show(recorded, tmp_path, monkeypatch):

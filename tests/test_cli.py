@@ -29,7 +29,7 @@ from simtune.errors import InputError, blame
 from simtune.progress import ProgressBar
 from simtune.recordings import write_dataset
 from simtune.robot.signals import ToldToEnd
-from simtune.run import RunFolder
+from simtune.run.folder import RunFolder
 from simtune.trajectory import Trajectory
 
 VIDEO = "videos/observation.images.camera0/chunk-000/file-000.mp4"
@@ -828,7 +828,7 @@ def test_a_tilde_is_the_home_folder_wherever_an_option_has_it(monkeypatch, tmp_p
 
 
 def test_scores_of_small_rewards_keep_their_digits(tmp_path):
-    from simtune.cli.run import _say_result
+    from simtune.cli.of_runs import _say_result
 
     said: list[str] = []
     result = {"method": "dr", "warnings": [], "return": {"mean": 0.42, "std": 0.31, "episodes": 10}}

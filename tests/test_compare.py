@@ -14,7 +14,7 @@ from simtune.errors import InputError
 from simtune.experiment import outcome
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.run import read_json, write_json
+from simtune.run.files import read_json, write_json
 from simtune.tasks import load_task
 from simtune.tuning.joint import Joint
 from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, read_curves, with_fit

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.detector_bias import DetectorBias
 from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks

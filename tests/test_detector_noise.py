@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from simtune.vision.detector import Detections, DetectorConfig, KeypointDetector, splat
+from simtune.vision.detections import Detections
+from simtune.vision.detector import DetectorConfig, KeypointDetector, splat
 from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
 

@@ -14,9 +14,11 @@ from simtune.config import RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.observation import AllEvidence, JointReadings, ObservationModel
-from simtune.real.choose import choose_real, observed
+from simtune.real.choose import choose_real
+from simtune.real.observed import observed
 from simtune.record import record
-from simtune.run import RunFolder
+from simtune.run.folder import RunFolder
+from simtune.run.real_episodes import read_real, write_real
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import make_search
@@ -69,8 +71,8 @@ def test_what_was_filmed_is_kept_with_its_readings(tmp_path: Path):
     real, _, _ = choose_real(config_of(tmp_path, observe=BOTH), load_task("cartpole"), 32)
     filmed = real.collect(2)
     with RunFolder.create(tmp_path / "run", {}) as run:
-        run.write_real(0, filmed)
-        again = run.read_real(0, real.step_s)
+        write_real(run.path, 0, filmed)
+        again = read_real(run.path, 0, real.step_s)
     for one, other in zip(filmed, again, strict=True):
         np.testing.assert_array_equal(one.frames, other.frames)
         np.testing.assert_array_equal(one.readings["encoders"], other.readings["encoders"])

@@ -18,7 +18,7 @@ from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.record import record
-from simtune.run import read_json
+from simtune.run.files import read_json
 from simtune.search_param_model.simulated import play_worlds
 from simtune.simulation import EnvironmentSimulator, random_actions
 from simtune.tasks import load_any_task

@@ -24,7 +24,7 @@ from simtune.export import export
 from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution
 from simtune.real.choose import read_parameters
-from simtune.run import write_json
+from simtune.run.files import write_json
 from simtune.run.sources import keep_sources
 from simtune.tasks import TASKS, load_task
 from simtune.tuning.joint import Joint

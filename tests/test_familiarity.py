@@ -8,7 +8,7 @@ from simtune.tuning import familiarity
 from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.estimate import Estimate, Verdict
 from simtune.tuning.familiarity import NOT_STRANGE, STRANGE, Strange, doubted, how_strange
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 
 WORLDS, EPISODES, STEPS, KEYPOINTS, SIZE = 60, 2, 50, 4, 64
 

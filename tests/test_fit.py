@@ -8,9 +8,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.fit import FitConfig, FitWork, Observed, ParticleConfig, Physics, fit_to_budget
+from simtune.fit import (
+    FitConfig,
+    FitWork,
+    Observed,
+    ParticleConfig,
+    Physics,
+    ShootingConfig,
+    Stage,
+    fit_to_budget,
+)
 from simtune.fit.motion.shooting import Shooting, ShootingFit
-from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.pictures.picture_fit import Pictures, fit_pictures, rounding_std
 from simtune.fit.pictures.window_pictures import well_fitted
 from simtune.observation import AllEvidence

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from simtune.budget import Budget, OutOfTime
-from simtune.fit import FitConfig, Observed, Physics, PointEstimate
+from simtune.fit import FitConfig, Observed, Physics, PointEstimate, ReplayFit
 from simtune.fit.motion.linearization import LinearizationPoint, WindowPlayer
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.motion.shooting_config import Spans
 from simtune.fit.motion.windows import Windows
 from simtune.fit.physics import _NOTHING_LIKE_IT
-from simtune.fit.replay_fit import ReplayFit
 from simtune.observation import AllEvidence
 from simtune.tasks import load_task
 

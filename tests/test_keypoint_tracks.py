@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from keypoint_evidence import tracks_at
 
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
 

@@ -14,10 +14,8 @@ from test_fit import (  # noqa: F401
     simulator,
 )
 
-from simtune.fit.lateness import Lateness, states_in_late_pictures
+from simtune.fit import Lateness, Physics, ShootingConfig, states_in_late_pictures
 from simtune.fit.motion.shooting import Shooting
-from simtune.fit.motion.shooting_config import ShootingConfig
-from simtune.fit.physics import Physics
 from simtune.simulation import Rollouts
 
 SUBSTEPS = CARTPOLE.action_repeat

@@ -227,7 +227,7 @@ class TestBoth:
 
     def test_the_script_can_be_filmed(self, name, tmp_path, monkeypatch):
         short = replace(task_of(name), episode_steps=4)
-        monkeypatch.setattr("simtune.record.load_task", lambda _: short)
+        monkeypatch.setattr("simtune.record.film.load_task", lambda _: short)
         config = RecordConfig(task=name, out=tmp_path / "dataset", episodes=1, policy="scripted")
         assert record(replace(config, image_size=32)).is_dir()
         monkeypatch.undo()

@@ -8,7 +8,7 @@ import pytest
 from simtune.before_after.moving_parts import MovingParts, follow_parts
 from simtune.tasks import load_task
 from simtune.trajectory import seen_late
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.keypoints import every_keypoint
 
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 from batches import learn_now
 
-from simtune.agents.agent import Observation
+from simtune.agents import Observation
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.parameters import Parameter, ParameterSpace

@@ -10,7 +10,7 @@ from simtune.fit.motion.shooting import Shooting
 from simtune.fit.pictures.poses import align_to_images, uncertain_poses
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
-from simtune.simulation.states import StateSpace
+from simtune.simulation import StateSpace
 from simtune.tasks import load_task
 from simtune.vision.keypoints import find_keypoints
 

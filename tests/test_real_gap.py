@@ -20,17 +20,14 @@ from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.rollout import Environment
-from simtune.experiment.training_experiment import (
-    TrainingExperiment,
-    _most_late,
-    build_training,
-)
+from simtune.experiment.training_experiment import TrainingExperiment, build_training
+from simtune.experiment.training_parts import _most_late
 from simtune.observation import Camera, ObservationModel
 from simtune.parameters import ParameterSpace, delay
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
-from simtune.run import read_jsonl
+from simtune.run.files import read_jsonl
 from simtune.simulation import Simulator, acting_late, make_renderer
 from simtune.simulation.rendering import opengl
 from simtune.tasks import load_task

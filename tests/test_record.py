@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from servo_arm import HEAD, write_arm
 
-from simtune import record as recording
 from simtune.algorithm import train
 from simtune.cameras.lens import Lens
 from simtune.cameras.views import View
 from simtune.config import RecordConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.real.recorded import RecordedReal
-from simtune.record import _aspect, _check_written, _views, record
+from simtune.record import film as recording
+from simtune.record import record
+from simtune.record.cameras import _aspect, views_of
+from simtune.record.checks import check_written
 from simtune.recordings import open_dataset
 from simtune.tasks import Task, load_task
 
@@ -124,10 +126,10 @@ def test_what_would_not_be_read_back_is_not_recorded(changes, said, tmp_path):
     task = load_task(str(write_arm(tmp_path)))
     sensors = tuple(replace(task.sensors[0], **change) for change in changes)
     with pytest.raises(InputError, match=said):
-        _check_written(replace(task, sensors=sensors))
-    _check_written(task)
+        check_written(replace(task, sensors=sensors))
+    check_written(task)
     in_order = ("observation.state[0]", "observation.state[1]")
-    _check_written(replace(task, sensors=(replace(task.sensors[0], columns=in_order),)))
+    check_written(replace(task, sensors=(replace(task.sensors[0], columns=in_order),)))
 
 
 def test_a_model_without_actuators_is_not_recorded(tmp_path):
@@ -184,5 +186,5 @@ def test_a_region_is_filmed_before_all_of_the_background_picture(tmp_path):
     imsave(tmp_path / "room.png", picture)
     task = looking_at_a_region(TASK, 640, 480)
     camera = replace(task.cameras[0], background=tmp_path / "room.png")
-    (view,) = _views(asked(tmp_path, image_size=48), replace(task, cameras=(camera,)))
+    (view,) = views_of(asked(tmp_path, image_size=48), replace(task, cameras=(camera,)))
     np.testing.assert_array_equal(view.plate, picture)

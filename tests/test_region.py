@@ -6,7 +6,8 @@ import pytest
 from simtune.cameras.views import View
 from simtune.config import RecordConfig
 from simtune.errors import InputError
-from simtune.record import _aspect, filming_whole
+from simtune.record import filming_whole
+from simtune.record.cameras import _aspect
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 

@@ -11,7 +11,7 @@ from servo_arm import write_arm
 from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
-from simtune.fit import Guess, Lateness, OpenLoop, OutputError, Readings, ReplayStage
+from simtune.fit import Guess, Lateness, OpenLoopReplay, OutputError, Readings, ReplayStage
 from simtune.fit.readings.differences import Where, differentiate, refresh
 from simtune.fit.readings.slopes import Groups
 from simtune.observation import JointSensor, ObservationModel, finds_offset
@@ -36,7 +36,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     experiment = build_experiment(config)
     context, space = experiment.context, experiment.space
     assert isinstance(context.simulator, Simulator)
-    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
     readings = Readings.of(experiment.recordings, loop.sensors)
     start, truth = space.to_unit(context.start), space.to_unit(space.from_dict(TRUTH))
     fit = OutputError(loop, finds_offset(loop.sensors), start)
@@ -49,7 +49,7 @@ def test_derivatives_of_many_unknowns_at_once_are_those_one_by_one(arm: SimpleNa
     noise, zero = np.full(2, 0.002), np.zeros(2)
     stretches = arm.loop.cut(arm.readings, arm.truth, zero, 20, 4)
     there = Where(
-        stretches, stretches.states, arm.truth, arm.loop.start_std(noise, stretches.values)
+        stretches, stretches.states, arm.truth, arm.loop.measured.start_std(noise, stretches.values)
     )
     near = there._replace(unit=arm.truth - 0.02)
     of_all = differentiate(arm.loop, there)
@@ -81,7 +81,7 @@ def test_readings_that_no_unknown_explains_end_a_fit_without_an_error(arm: Simpl
 
 
 def begun_anywhere(arm: SimpleNamespace, values: np.ndarray) -> tuple:
-    """What `OpenLoop.play` takes: three worlds of each whole episode, with initial states."""
+    """What `OpenLoopReplay.play` takes: three worlds of each whole episode, with initial states."""
     readings, rng = Readings(arm.readings.actions, values), np.random.default_rng(0)
     stretches = arm.loop.cut(readings, arm.start, np.zeros(2), 60, 9)
     units = np.append(arm.truth, 0.6) + rng.uniform(-0.02, 0.02, (3, 5))
@@ -125,8 +125,8 @@ def test_what_a_short_episode_is_padded_with_is_neither_played_nor_counted(arm, 
     np.testing.assert_array_equal(found[:, 1, :15], whole[:, 1, :15])
     np.testing.assert_array_equal(found[:, 1, 16:], found[:, 1, 15:-1])
     noise, short = np.full(2, 0.002), values[1:, :15]
-    padded = arm.loop.start_std(noise, values[1:])
-    np.testing.assert_allclose(padded, arm.loop.start_std(noise, short), rtol=1e-12)
+    padded = arm.loop.measured.start_std(noise, values[1:])
+    np.testing.assert_allclose(padded, arm.loop.measured.start_std(noise, short), rtol=1e-12)
 
 
 def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
@@ -185,7 +185,7 @@ def test_an_unknown_offset_makes_a_servo_that_sags_uncertain(tmp_path):
     worlds = np.repeat(truth[None], 4, 0)
     played = simulator.roll_out(worlds, commands, rng, seen.observe_beside())
     readings = Readings(commands, seen.readings(played.observed, rng)["encoders"] + 0.03)
-    loop = OpenLoop.of(simulator, seen, task.parameters.nominal)
+    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
     fit = OutputError(loop, np.array([True]), task.parameters.to_unit(task.parameters.nominal))
     horizons = Horizons(growing=(Horizon(0.25, 1, 48), Horizon(1.0, 1, 24)))
     fits = ReadingsFits(fit, readings, 0.05, (np.zeros(2), np.ones(2)), horizons, 0)

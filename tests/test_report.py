@@ -18,15 +18,16 @@ from simtune.before_after.moving_parts import MovingParts
 from simtune.before_after.videos import overlay
 from simtune.errors import InputError
 from simtune.report import write_report
-from simtune.report.data import read_run
 from simtune.report.joint_plots import error_plot, reading_plot
 from simtune.report.pair_plots import pair_plot
 from simtune.report.plot import value_axis
 from simtune.report.rank_plots import expected
+from simtune.report.read_run import read_run
 from simtune.report.trust import Pair
 from simtune.report.words import interval
-from simtune.run import RunFolder, write_json
 from simtune.run.config import TIME_IS_OVER
+from simtune.run.files import write_json
+from simtune.run.folder import RunFolder
 
 # name: (unit, truth, start, verdict)
 _COLOURS = {"cup": (0.75, 0.6, 0.15), "ball": (0.6, 0.4, 0.3), "ground": (0.05, 0.15, 0.3)}
@@ -67,7 +68,7 @@ def make_run(path: Path, num_rounds: int = 4, finished: bool = True) -> Path:
                 if name == "ball_mass" and round_ == 1:
                     event, reason = "widened", "the curve is still at 0.9 at the upper edge"
                 if round_ == 1 or name == "ball_mass":
-                    run.log_event(step, wall_s, event, name, wide[0], wide[1], reason)
+                    run.logs.log_event(step, wall_s, event, name, wide[0], wide[1], reason)
                 candidates = np.linspace(*wide, 33)
                 centred = np.log(candidates / mean) / width * 2.94
                 prob_higher = 1 / (1 + np.exp(centred))
@@ -76,7 +77,7 @@ def make_run(path: Path, num_rounds: int = 4, finished: bool = True) -> Path:
                     **{"mean": mean, "low": low, "high": high, "verdict": verdict, "real": truth},
                     **{"percent_error": 100 * abs(mean - truth) / truth, "interval_share": 0.25},
                 }
-            run.log_metrics(step, 2 * round_, wall_s, scalars)
+            run.logs.log_metrics(step, 2 * round_, wall_s, scalars)
         run.write_curves(curves)
         for name, speed in (("real", 1.0), ("before", 0.6), ("after", 0.97)):
             _write_video(run.videos / f"{name}.mp4", speed)

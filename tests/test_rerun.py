@@ -12,7 +12,7 @@ from simtune.before_after.moving_parts import MovingParts
 from simtune.errors import InputError
 from simtune.recordings import write_video
 from simtune.report.rerun_file import write_rerun
-from simtune.run import write_json
+from simtune.run.files import write_json
 
 
 @pytest.fixture

@@ -8,6 +8,8 @@ import shutil
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +17,14 @@ import torch
 from safetensors import SafetensorError
 
 from simtune.errors import InputError
-from simtune.run import RunFolder, read_json, read_jsonl, write_atomically, write_json
+from simtune.experiment.run import Run
+from simtune.randomization import Distribution
 from simtune.run.config import check_asked
-from simtune.run.folder import kept_state
+from simtune.run.files import read_json, read_jsonl, write_atomically, write_json
+from simtune.run.folder import RunFolder, kept_state
+from simtune.run.real_episodes import read_real, write_real
 from simtune.run.sources import source_of
+from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 
 CONFIG = {"task": "ball_in_cup", "seed": 1, "out": "a", "spm": {"width": 256, "dropout": 0.5}}
@@ -30,13 +36,16 @@ def path(tmp_path) -> Path:
 
 
 def _create(path: Path, **changes) -> RunFolder:
-    return RunFolder.create(path, CONFIG | changes)
+    """Of a run that goes on, as `Run` does once it has loaded a checkpoint."""
+    run = RunFolder.create(path, CONFIG | changes)
+    run.write_config()
+    return run
 
 
 def _log(run: RunFolder, *steps: int) -> None:
     for step in steps:
-        run.log_metrics(step, 2, step / 10, {"loss/spm": 0.5})
-        run.log_event(step, step / 10, "narrowed", "ball_mass", 0.1, 0.2, "clear")
+        run.logs.log_metrics(step, 2, step / 10, {"loss/spm": 0.5})
+        run.logs.log_event(step, step / 10, "narrowed", "ball_mass", 0.1, 0.2, "clear")
 
 
 def _steps(run: RunFolder, name: str = "metrics.jsonl") -> list[int]:
@@ -56,8 +65,8 @@ def test_config_is_written_with_versions(path):
 
 def test_metrics_and_events(path):
     with _create(path) as run:
-        run.log_metrics(10, 2, 1.5, {"mean/ball_mass": np.float32(0.5), "loss/spm": math.nan})
-        run.log_event(10, 1.5, "widened", "ball_mass", 0.1, 0.9, "saturated")
+        run.logs.log_metrics(10, 2, 1.5, {"mean/ball_mass": np.float32(0.5), "loss/spm": math.nan})
+        run.logs.log_event(10, 1.5, "widened", "ball_mass", 0.1, 0.9, "saturated")
         line = json.loads((path / "metrics.jsonl").read_text())  # there before the run is closed
     assert line == {
         **{"step": 10, "real_episodes": 2, "wall_s": 1.5},
@@ -152,7 +161,8 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
     RunFolder.create(path, asked, files).close()  # what it was made with stays
     assert (path / "sources/home/parts/link.obj").read_text() == "parts/link.obj"
     shutil.copytree(home, moved)
-    RunFolder.create(path, asked | {"task": str(moved / "arm/tune.toml")}, files).close()
+    with RunFolder.create(path, asked | {"task": str(moved / "arm/tune.toml")}, files) as run:
+        run.write_config()
     stored = read_json(path / "config.json")  # went on with files elsewhere: its own are found
     assert source_of(path, stored, stored["config"]["task"]).startswith(str(path / "sources"))
     (moved / "arm/scene.xml").unlink()
@@ -222,6 +232,28 @@ def test_other_versions_are_reported(path, caplog):
     write_json(path / "config.json", stored)
     _create(path).close()
     assert f"torch 1.0 → {version('torch')}" in caplog.text
+
+
+def test_a_run_that_these_versions_cannot_load_stays_as_another_made_it(path):
+    estimate = {"shape": 1}
+    state = {"step": 1, "rounds": 1, "sim_steps": 0, "num_diverged": 0, "estimate": estimate}
+    with _create(path) as folder:
+        folder.save_checkpoint({"w": torch.zeros(1)}, state | {"wall_s": 1.0})
+    _write_stored(path, lambda stored: stored["versions"].update(torch="1.0"))
+    before = (path / "config.json").read_text()
+    space = load_task("cartpole").parameters
+    first = Distribution.first(space, space.nominal)
+    experiment: Any = SimpleNamespace(
+        config=SimpleNamespace(out=path),
+        run_config=CONFIG,
+        sources=(),
+        search=SimpleNamespace(distribution=first),
+        simulator=SimpleNamespace(num_steps=0, num_diverged=0),
+        load=lambda tensors, state: None,
+    )
+    with Run(experiment) as run, pytest.raises(InputError, match="has other fields"):
+        run.resume()
+    assert (path / "config.json").read_text() == before
 
 
 def test_one_process_at_a_time(path):
@@ -390,9 +422,9 @@ def test_a_full_disk_leaves_no_part_of_a_file(tmp_path, monkeypatch):
 def test_a_damaged_film_of_the_real_world_is_refused_as_damaged(tmp_path):
     with RunFolder.create(tmp_path / "run", {}) as run:
         film = Trajectory(np.zeros((3, 8, 8, 3), np.uint8), np.zeros((2, 1), np.float32), 0.1)
-        run.write_real(0, [film])
-        assert len(run.read_real(0, 0.1)[0]) == 2
+        write_real(run.path, 0, [film])
+        assert len(read_real(run.path, 0, 0.1)[0]) == 2
         path = tmp_path / "run/real/000.safetensors"
         path.write_bytes(path.read_bytes()[:-3])
         with pytest.raises(InputError, match=r"000\.safetensors is damaged .* cannot be filmed"):
-            run.read_real(0, 0.1)
+            read_real(run.path, 0, 0.1)

@@ -12,7 +12,7 @@ from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export import export
 from simtune.parameters import ModelWriter
-from simtune.run import write_json
+from simtune.run.files import write_json
 from simtune.tasks import Task, load_task
 
 # A bob of 1 kg at 0.5 m, whose weight pulls the arm down at angle 0: 4.905 N·m.

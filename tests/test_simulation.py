@@ -11,8 +11,7 @@ import pytest
 import simtune.simulation
 from simtune.parameters import ModelWriter, ParameterSpace, delay
 from simtune.simulation import DirectActions, StateSpace, Worlds, prepare_spec, random_actions
-from simtune.tasks import load_task
-from simtune.tasks.task import Task
+from simtune.tasks import Task, load_task
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 

@@ -7,7 +7,7 @@ from keypoint_evidence import tracks_at
 from simtune.fit import Observed, StateEstimator
 from simtune.networks.training import TrainingClock
 from simtune.observation import AllEvidence
-from simtune.simulation.states import StateSpace
+from simtune.simulation import StateSpace
 
 BALL = """
 <mujoco><worldbody><body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>

@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import posix
 import random
+import re
 import shutil
 import signal
 import threading
@@ -24,7 +25,7 @@ from simtune.experiment import outcome
 from simtune.real.choose import read_parameters
 from simtune.real.truth import Truth
 from simtune.recordings import dataset, open_dataset
-from simtune.run import write_json
+from simtune.run.files import write_json
 from simtune.sweep import dry_run, sweep
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.board import Board
@@ -152,6 +153,41 @@ def test_whatever_is_varied_has_a_name_of_its_own(tmp_path):
     ]
     rows = [line.split("  ")[0] for line in Board(tmp_path, runs, 0, 1).table()]
     assert rows[1:4] == ["left tune", "right tune", "my arm tune"]
+
+
+@pytest.mark.parametrize(("width", "height", "tasks"), [(40, 8, 4), (200, 3, 0), (200, 30, 10)])
+def test_a_live_table_leaves_no_copies_on_a_terminal_that_is_too_small_for_it(
+    tmp_path, monkeypatch, capsys, width, height, tasks
+):
+    runs = [
+        AskedRun(name=f"run{i}", command="tune", options={"task": f"task{i}.toml"}, folder=tmp_path)
+        for i in range(10)
+    ]
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    monkeypatch.setattr("simtune.sweep.board._terminal", lambda: (width, height))
+    board = Board(tmp_path, runs, 0, 1)
+    for run in runs[5:8]:
+        board.begin(run)
+    lines = on_terminal(capsys.readouterr().err, width, height)
+    assert [line[:15] for line in lines if "runs done" in line] == ["0 of 10 runs do"]
+    assert sum(line.startswith("task") for line in lines) == tasks
+    assert ("and 6 rows more" in lines) == (tasks == 4)
+    if tasks:
+        assert {"task5", "task6", "task7"} <= {line[:5] for line in lines}, "those that run"
+
+
+def on_terminal(text: str, width: int, height: int) -> list[str]:
+    """Lines that a terminal shows or has scrolled away, after text that moves its cursor up."""
+    lines = [""]
+    for part in re.split(r"(\x1b\[\d+F\x1b\[J|\n)", text):
+        if part == "\n":
+            lines.append("")
+        elif part.startswith("\x1b"):
+            up = int(re.findall(r"\d+", part)[0])
+            lines = [*lines[: max(len(lines) - 1 - up, len(lines) - height)], ""]
+        elif part:
+            lines[-1:] = [part[i : i + width] for i in range(0, len(part), width)]
+    return lines
 
 
 def test_the_docs_own_grid_is_one(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from simtune.agents.agent import AgentSpec, Observation
+from simtune.agents import AgentSpec, Observation
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig

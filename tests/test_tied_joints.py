@@ -1,10 +1,14 @@
 """A joint that the model ties to a measured one begins where that is read, not elsewhere."""
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
 import pytest
 
-from simtune.fit import OpenLoop, Readings
+from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit.readings.differences import Where, differentiate
+from simtune.fit.readings.stretches import Stretches
 from simtune.fit.readings.tied_joints import follow_measured
 from simtune.observation import ObservationModel
 from simtune.tasks import load_task
@@ -57,9 +61,13 @@ def test_a_curved_tie_is_followed_and_not_inverted():
     np.testing.assert_array_equal(back, states)
 
 
-def test_an_open_gripper_stays_open_in_a_replay(tmp_path):
-    (tmp_path / "scene.xml").write_text(GRIPPER.format("0 1"))
-    (tmp_path / "tune.toml").write_text("""
+@pytest.fixture
+def read(tmp_path) -> Callable[[str], tuple[OpenLoopReplay, np.ndarray]]:
+    """Replays of such a gripper, of which one finger is read; and its (N,) unit coordinates."""
+
+    def read(scene: str) -> tuple[OpenLoopReplay, np.ndarray]:
+        (tmp_path / "scene.xml").write_text(scene)
+        (tmp_path / "tune.toml").write_text("""
 model = "scene.xml"
 control_timestep_s = 0.05
 [actions]
@@ -73,12 +81,35 @@ name = "damping"
 kind = "damping"
 objects = "left"
 """)
-    task = load_task(str(tmp_path / "tune.toml"))
-    simulator, start = task.simulator(image_size=16), task.parameters.nominal
-    loop = OpenLoop.of(simulator, ObservationModel.of_simulator(task.sensors), start)
+        task = load_task(str(tmp_path / "tune.toml"))
+        simulator, start = task.simulator(image_size=16), task.parameters.nominal
+        observation = ObservationModel.of_simulator(task.sensors)
+        return OpenLoopReplay.of(simulator, observation, start), task.parameters.to_unit(start)
+
+    return read
+
+
+def stretches_of(loop: OpenLoopReplay, unit: np.ndarray) -> Stretches:
+    """Of one episode of 8 steps, in which the gripper is open."""
     held = Readings(np.full((1, 8, 1), OPEN), np.full((1, 9, 1), OPEN))
-    unit = task.parameters.to_unit(start)
-    whole = loop.cut(held, unit, np.zeros(1), 8, 1)
+    return loop.cut(held, unit, np.zeros(1), 8, 1)
+
+
+def test_an_open_gripper_stays_open_in_a_replay(read):
+    loop, unit = read(GRIPPER.format("0 1"))
+    whole = stretches_of(loop, unit)
     played, _ = loop.play(whole, whole.states[None], unit[None])
     assert loop.unseen == ("thumb",)
     np.testing.assert_allclose(played.ravel(), OPEN, atol=1e-4)
+
+
+def test_an_initial_state_moves_both_fingers(read):
+    """Else their tie would pull both half the way back, and a coasting gripper would tell it."""
+    coasting = GRIPPER.format("0 1").replace('kp="20" kv="2"', 'kp="0"')
+    loop, unit = read(coasting)
+    whole = stretches_of(loop, unit)
+    slopes = differentiate(loop, Where(whole, whole.states, unit, np.ones(2)))
+    np.testing.assert_allclose(slopes.by_start[0, 0], 1.0, atol=1e-3)
+    moved = loop.measured.moved(whole.states, np.array([[0.01, 0.2]]), np.ones(2))
+    np.testing.assert_allclose(moved[0, :2], [OPEN + 0.01, OPEN], atol=1e-9)
+    np.testing.assert_allclose(moved[0, 3:5], 0.2, atol=1e-9)

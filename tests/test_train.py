@@ -37,8 +37,8 @@ from simtune.real.recorded import RecordedReal
 from simtune.real.truth import Truth
 from simtune.recordings import write_dataset
 from simtune.replay import Replay
-from simtune.run import RunFolder, read_json, read_jsonl
 from simtune.run.checkpoint import load, newest
+from simtune.run.files import read_json, read_jsonl
 from simtune.search_param_model.paper import PaperConfig
 from simtune.simulation import scale_actions
 from simtune.tasks import load_task
@@ -138,7 +138,7 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
         state=dict,
     )
     with pytest.MonkeyPatch.context() as patch, Run(experiment) as run:
-        patch.setattr(RunFolder, "write_real", lambda *_: None)
+        patch.setattr("simtune.algorithm.write_real", lambda *_: None)
         training = Training(experiment, run)
         training.carry_out()
     return training

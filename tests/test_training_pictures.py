@@ -10,8 +10,8 @@ from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import PlayedWorlds, play_worlds
 from simtune.search_param_model.training_pictures import TrainingPictures
+from simtune.simulation import StateSpace
 from simtune.simulation.loose_objects import astray, loose_places, scattered
-from simtune.simulation.states import StateSpace
 from simtune.tasks import Task, load_task
 from simtune.tuning.world_sampler import WorldSampler
 from simtune.vision.keypoints import every_keypoint

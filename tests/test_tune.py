@@ -27,8 +27,8 @@ from simtune.real.choose import choose_real, read_parameters
 from simtune.real.pseudo import PseudoReal
 from simtune.real.truth import Truth
 from simtune.recordings import decode, write_dataset
-from simtune.run import read_json, read_jsonl
 from simtune.run.checkpoint import load_state, newest
+from simtune.run.files import read_json, read_jsonl
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory, seen_late
 from simtune.tuning.estimate import Estimate

@@ -18,7 +18,7 @@ from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
 from simtune.evaluation.replay import _late
 from simtune.experiment.experiment import Experiment, build_experiment
-from simtune.fit import Guess, OpenLoop, OutputError, OutputErrorFit, Readings, ReplayStage
+from simtune.fit import Guess, OpenLoopReplay, OutputError, OutputErrorFit, Readings, ReplayStage
 from simtune.fit.elimination import NormalEquations
 from simtune.fit.readings.differences import Where, differentiate
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
@@ -109,11 +109,11 @@ def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path
     experiment = pseudo(arm, None, tmp_path / "run")
     context, names = experiment.context, experiment.space.names
     assert isinstance(context.simulator, Simulator)
-    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
     readings = Readings.of(experiment.recordings, loop.sensors)
     unit, whole = experiment.space.to_unit(context.start), readings.actions.shape[1]
     stretches = loop.cut(readings, unit, np.zeros(2), whole, 9)
-    start_std = loop.start_std(np.full(2, 0.002), stretches.values)
+    start_std = loop.measured.start_std(np.full(2, 0.002), stretches.values)
     of_kv, of_damping = names.index("shoulder_kv"), names.index("damping")
     share = context.start[of_kv] / context.start[of_damping]  # both scales are logarithmic
 
@@ -158,7 +158,7 @@ def test_a_single_episode_is_as_unsure_as_leaving_out_its_parts_shows(
     one, other = first.actions[None, :30].astype(float), first.actions[None, 30:].astype(float)
     begun = context.simulator.roll_out(real[None], one, rng, see)
     ended = context.simulator.roll_out(others[None], other, rng, see, begun.states[:, -1])
-    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
     readings = Readings.of([first], loop.sensors)
     readings.values[:] = np.concatenate([begun.observed, ended.observed[:, 1:]], 1)
     readings.values[:] += 0.002 * rng.normal(size=readings.values.shape)
@@ -310,10 +310,24 @@ def test_a_run_without_readings_cannot_be_replayed(tmp_path: Path):
         evaluate(EvaluateConfig(run_folder=tmp_path, real=tmp_path))
 
 
+def test_a_run_without_its_task_cannot_be_replayed(tmp_path: Path):
+    facts = {"nominal": 1.0, "initial": 1.0, "mean": 1.0}
+    result = {"task": "cartpole", "parameters": {"pole_mass": facts}, "sensors": {}}
+    (tmp_path / "config.json").write_text('{"config": {"method": "autotune"}}')
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    for real in (tmp_path, None):
+        with pytest.raises(InputError, match=r"config\.json is damaged: its config has no task"):
+            evaluate(EvaluateConfig(run_folder=tmp_path, real=real))
+
+
 def test_what_cannot_be_observed_is_refused(arm: Path, truth: Path, tmp_path: Path):
     config = TuneConfig(task=str(arm), out=tmp_path / "run", observe="encoder")
     with pytest.raises(InputError, match=r"no sensor 'encoder' .* did you mean 'encoders'"):
         build_experiment(config)
+    for sensors in ("encoders", None):
+        sized = replace(config, observe=sensors, image_size=64)
+        with pytest.raises(InputError, match=r"--image-size goes with pictures, and .* at none"):
+            build_experiment(sized)
     colour = TUNE + '\n[[parameters]]\nname = "upper"\nkind = "light"\nobjects = "sun"\n'
     (tmp_path / "lit").mkdir()
     lit = write_arm(tmp_path / "lit", colour)
@@ -373,7 +387,7 @@ def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
     )
     mjcf.write_text(mjcf.read_text().replace("</worldbody>", f"{box}</worldbody>"))
     context = build_experiment(TuneConfig(task=str(tuning_file), out=tmp_path / "run")).context
-    loop = OpenLoop.of(context.simulator, context.observation, context.start)
+    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
     assert loop.physics.some_state[2] > 100  # m, and the arm is a metre long
 
 

@@ -19,9 +19,8 @@ from simtune.parameters.fields import KINDS
 from simtune.real.choose import choose_real
 from simtune.recordings import write_dataset
 from simtune.simulation import DirectActions, MocapActions, ScaledActions, random_actions
-from simtune.tasks import Task, load_any_task, load_task
+from simtune.tasks import Task, load_any_task, load_task, named_files
 from simtune.tasks.tuning_file import load as loading
-from simtune.tasks.tuning_file import named_files
 from simtune.tasks.tuning_file import parameters as reading
 from simtune.tasks.tuning_file import policy as policies
 from simtune.tasks.tuning_file.toml_lines import key_lines

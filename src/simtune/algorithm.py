@@ -28,6 +28,7 @@ from simtune.experiment.training_experiment import TrainingExperiment, build_tra
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.recordings import write_video
+from simtune.run.real_episodes import read_real, write_real
 from simtune.trajectory import Trajectory
 from simtune.tuning.policy_range import policy_range
 
@@ -102,7 +103,7 @@ class Training:
             self.num_skipped += 1
         if num_episodes and cycle == 0 and not filmed:  # no policy yet, or recordings only
             filmed = real.collect(num_episodes)
-        self.run.folder.write_real(cycle, filmed)
+        write_real(self.run.folder.path, cycle, filmed)
         self.real = filmed + self.real
         self.num_filmings += 1
         self._save()
@@ -207,5 +208,5 @@ class Training:
         self.experiment.environment.lowest_reward = state["lowest_reward"]
         for cycle in range(self.num_filmings):
             step_s = self.experiment.real.step_s
-            self.real = self.run.folder.read_real(cycle, step_s) + self.real
+            self.real = read_real(self.run.folder.path, cycle, step_s) + self.real
         self.rng.bit_generator.state = state["rng"]

@@ -70,14 +70,20 @@ def tune(
         spent_s = before_run_s + run.wall_s + ending_s
         budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
-            round_began_s = time.monotonic()
-            found = search.run_round(real, budget, Callbacks(run.log_early, run.save_within))
-            run.round_s = time.monotonic() - round_began_s
-            run.step = experiment.simulator.num_steps
-            run.log_round(found, len(real))
-            run.save()
+            _go_on(run, budget)
         stopped = {"stopped": search.stop_reason or TIME_IS_OVER}
         return run.finish(real, stopped | promised, warnings, command)
+
+
+def _go_on(run: Run, budget: Budget) -> None:
+    """One round of the search, logged and saved."""
+    experiment, began_s = run.experiment, time.monotonic()
+    real, callbacks = experiment.recordings, Callbacks(run.log_early, run.save_within)
+    found = experiment.search.run_round(real, budget, callbacks)
+    run.round_s = time.monotonic() - began_s
+    run.step = experiment.simulator.num_steps
+    run.log_round(found, len(real))
+    run.save()
 
 
 def _warn(warnings: list[str]) -> None:

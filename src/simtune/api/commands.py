@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from os import PathLike, fspath
+from os.path import expanduser
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar, cast
@@ -25,7 +26,7 @@ from simtune.config import CheckConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.experiment.outcome import asked
 from simtune.progress import ProgressBar, ReportProgress, silent
-from simtune.report.data import read_finished
+from simtune.report.read_run import read_finished
 from simtune.run.config import FILMED, check_asked, stored_config
 from simtune.tasks import IN_PYTHON, AnyTask, load_any_task, with_model
 from simtune.tuning_run import tune as carry_out_tuning
@@ -50,7 +51,7 @@ def load_task(task: str | PathLike[str] | Mapping[str, Any]) -> AnyTask:
             f"the task is a {type(task).__name__}; expected a built-in task's name, a tuning "
             "file's path, or a dict with its keys"
         )
-    return declare(task) if isinstance(task, Mapping) else load_any_task(fspath(task))
+    return declare(task) if isinstance(task, Mapping) else load_any_task(expanduser(task))
 
 
 def check(
@@ -132,7 +133,7 @@ def train(
 
 def load(run: str | PathLike[str]) -> Result:
     """The result of a finished run of `tune` or `train`. Raises ValueError if it is not one."""
-    return Result(read_finished(Path(run)))
+    return Result(read_finished(Path(run).expanduser()))
 
 
 def _config_of_run(
@@ -143,9 +144,9 @@ def _config_of_run(
         raise InputError("real is None; expected 'pseudo', a path, arrays, or a function")
     if not isinstance(options["out"], str | PathLike):
         raise InputError(f"out is a {type(options['out']).__name__}; expected a folder's path")
-    out = Path(options["out"])
+    out = Path(options["out"]).expanduser()
     folder = out / FILMED
-    place = real if isinstance(real, str | PathLike) else folder
+    place = expanduser(real) if isinstance(real, str | PathLike) else folder
     config = _config(kind, task, options | {"real": place})
     check_asked(out, asked(config, task))
     if callable(real) and stored_config(out) and not (folder / EPISODES).exists():
@@ -153,7 +154,7 @@ def _config_of_run(
     num = options.get("real_episodes")
     if not config.has_search:
         num = 1  # for the length of a step
-    return replace(config, real=fspath(_recordings(real, folder, num)))
+    return replace(config, real=expanduser(_recordings(real, folder, num)))
 
 
 def _recordings(real: Any, folder: Path, num: int | None) -> Any:
@@ -179,7 +180,8 @@ def _config(kind: type[_Config], task: AnyTask, options: dict[str, Any]) -> _Con
         if isinstance(value, np.generic):
             given[name] = value.item()
     check_types(kind, given)
-    given |= {name: Path(given[name]) for name in paths if given.get(name) is not None}
+    there = [name for name in paths if given.get(name) is not None]
+    given |= {name: Path(given[name]).expanduser() for name in there}
     config = kind(**given)
     config.check()
     return config

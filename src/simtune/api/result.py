@@ -124,7 +124,11 @@ class Result:
         These are model.xml, parameters.json and apply.py; with `samples` draws of the posterior
         also samples.csv, and worlds.npz and a module for the training library `format`.
         """
-        options: dict[str, Any] = {"out": Path(out), "samples": samples, "format": format}
+        options: dict[str, Any] = {
+            "out": Path(out).expanduser(),
+            "samples": samples,
+            "format": format,
+        }
         with in_python():
             check_types(ExportConfig, options)
             return export(ExportConfig(run_folder=self.path, **options))

@@ -8,7 +8,7 @@ import numpy as np
 from simtune.run.files import plain
 from simtune.simulation import Simulator
 from simtune.trajectory import seen_late
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.keypoints import Keypoints
 
 _SURE = 0.5  # detection probability below which a keypoint counts as unseen

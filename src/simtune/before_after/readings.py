@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import Lateness, OpenLoop, Readings, replay_whole
+from simtune.fit import Lateness, OpenLoopReplay, Readings, replay_whole
 from simtune.observation import ObservationModel, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
@@ -62,7 +62,7 @@ def replay(
     tuned: Tuned,
 ) -> Replayed:
     """Replay each episode from its first readings, with `start` (N,) parameters and as tuned."""
-    loop = OpenLoop.of(simulator, observation, start)
+    loop = OpenLoopReplay.of(simulator, observation, start)
     joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
     readings = Readings.of(trajectories, joints)
     offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])

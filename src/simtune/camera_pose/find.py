@@ -15,7 +15,7 @@ from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
-from simtune.real.choose import observed, open_recordings
+from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves

@@ -25,7 +25,7 @@ from simtune.errors import InputError
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
-from simtune.real.choose import observed, open_recordings
+from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import how_many
 from simtune.recordings import Dataset
 from simtune.run.files import plain

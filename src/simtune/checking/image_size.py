@@ -8,9 +8,10 @@ import numpy as np
 
 from simtune.checking.extents import FEW_PX, enough_size, extents_px
 from simtune.config import NO_RECORDINGS, CheckConfig, TuneConfig
+from simtune.errors import InputError
 from simtune.names import SearchName
 from simtune.observation import ObservationModel
-from simtune.real.choose import observed, open_recordings
+from simtune.real.observed import observed, open_recordings
 from simtune.tasks import AnyTask, Task
 from simtune.tuning import usual_image_size
 
@@ -25,9 +26,12 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
 
     By default the search's usual one. The posterior search takes more, at most 128 and not more
     than recordings have, if even the largest moving part would be small otherwise. Raises
-    InputError for recordings that cannot be read.
+    InputError for recordings that cannot be read, and for a size where no camera is observed.
     """
     usual = usual_image_size(search)
+    if config.image_size and not observed(task, config.observed, is_simulated=False).cameras:
+        who = f"--observe {config.observe}" if config.observe else task.name
+        raise InputError(f"--image-size goes with pictures, and {who} looks at none")
     if config.image_size or search != "posterior" or not isinstance(task, Task):
         return config.image_size or usual
     seen = observed(task, config.observed, is_simulated=False)

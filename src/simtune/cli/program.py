@@ -9,8 +9,9 @@ from io import TextIOWrapper
 from typing import Any
 
 import simtune
+from simtune.cli.done import counted
 from simtune.cli.parse import parse
-from simtune.cli.run import check_first, counted, run
+from simtune.cli.run import check_first, run
 from simtune.config import EvaluateConfig, SweepConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 
@@ -60,7 +61,7 @@ def _carry_out(command: Any) -> None:
     check_first(command)
     done = run(command, _say_nothing if command.json else _say)
     if command.json or isinstance(command, EvaluateConfig):
-        from simtune.run import plain  # loads torch
+        from simtune.run.files import plain
 
         print(json.dumps(plain(done.result)))
     if done.failure:

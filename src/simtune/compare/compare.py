@@ -20,7 +20,8 @@ from scipy.special import chdtrc, ndtr, ndtri
 
 from simtune.config import CompareConfig
 from simtune.errors import InputError
-from simtune.report.data import RunData, read_finished
+from simtune.report.data import RunData
+from simtune.report.read_run import read_finished
 
 _MOST_NAMED = 5  # parameters that a run does not tell
 FALSE_ALARM_RATE = 0.05  # share of sets of runs that agree but are reported to disagree

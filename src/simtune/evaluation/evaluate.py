@@ -112,9 +112,11 @@ def _stored(run_folder: Path) -> dict[str, Any]:
     """
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
-    if stored is None or not {"task", "method"} <= stored["config"].keys():
+    if stored is None or "method" not in stored["config"]:
         raise InputError(
             f"{run_folder} is no folder that `simtune train` wrote; one of `simtune tune` with "
             "joint readings needs --real DIR"
         )
+    if "task" not in stored["config"]:
+        raise InputError(f"{run_folder / 'config.json'} is damaged: its config has no task")
     return stored | {"config": option_defaults(TrainConfig) | stored["config"]}

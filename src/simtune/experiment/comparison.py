@@ -6,7 +6,7 @@ from simtune.before_after.moving_parts import MovingParts, follow_parts
 from simtune.before_after.readings import Replayed, Tuned, replay
 from simtune.before_after.videos import episode_and_start, write_videos
 from simtune.experiment.experiment import Experiment
-from simtune.run import RunFolder
+from simtune.run.folder import RunFolder
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.agents.agent import Observation
+from simtune.agents import Observation
 from simtune.observation import ObservationModel
 from simtune.real.gap import RealityGap
 from simtune.replay import Episodes
@@ -97,13 +97,7 @@ class Environment:
         simulator, num_steps = self.simulator, self.task.episode_steps
         if delay_steps is None:
             delay_steps = self.gap.delay_steps if self.gap else 0
-        stacker = stray = None
-        if film:
-            camera = self.gap.camera(simulator.step_s, rng) if self.gap else None
-            seen = self._observation
-            stray = seen.stray_light(len(parameters), rng) if seen else None
-            size = num_steps, self.num_stacked
-            stacker = FrameStacker(simulator, parameters, *size, camera, stray)
+        stacker, stray = self._stacker(parameters, rng) if film else (None, None)
         keypoints = self.keypoints if film else None
         actions = np.empty((len(parameters), num_steps, simulator.num_actions), np.float32)
 
@@ -129,6 +123,16 @@ class Environment:
             stacker.draw(num_steps, rollouts.states[:, -1])
         frames = stacker.frames if stacker else None
         return self._episodes(rollouts, actions, frames, keypoints, stray)
+
+    def _stacker(
+        self, parameters: np.ndarray, rng: np.random.Generator
+    ) -> tuple[FrameStacker, StrayLight | None]:
+        """What films worlds of (n, N) parameters, and the stray light in their rooms."""
+        simulator, seen = self.simulator, self._observation
+        camera = self.gap.camera(simulator.step_s, rng) if self.gap else None
+        stray = seen.stray_light(len(parameters), rng) if seen else None
+        size = self.task.episode_steps, self.num_stacked
+        return FrameStacker(simulator, parameters, *size, camera, stray), stray
 
     def _latest(self, actions: np.ndarray, t: int) -> np.ndarray:
         """(n, most_late · A): those of (n, T, A) actions before step t, the newest first."""

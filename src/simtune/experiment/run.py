@@ -14,7 +14,7 @@ from simtune.experiment.comparison import write_before_after
 from simtune.experiment.experiment import Experiment
 from simtune.progress import ReportProgress, silent
 from simtune.report import write_report
-from simtune.run import RunFolder
+from simtune.run.folder import RunFolder
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate, unsure
 from simtune.tuning.joint import NUM_DRAWS, Joint
@@ -60,6 +60,7 @@ class Run:
         Raises RuntimeError for the checkpoint of another version's networks.
         """
         if not (checkpoint := self.folder.load_checkpoint()):
+            self.folder.write_config()
             return None
         tensors, state = checkpoint
         self.experiment.load(tensors, state)
@@ -70,6 +71,7 @@ class Run:
         self.estimate = Estimate.from_json(state["estimate"])
         self._start_s = time.monotonic() - state["wall_s"]
         self._counts = self._simulated()
+        self.folder.write_config()
         return state
 
     def save(self, **own: Any) -> None:
@@ -94,14 +96,14 @@ class Run:
 
     def log(self, num_real: int, scalars: Mapping[str, float]) -> None:
         """A line of metrics.jsonl; `num_real` real episodes are known by now."""
-        self.folder.log_metrics(self.step, num_real, self.wall_s, scalars)
+        self.folder.logs.log_metrics(self.step, num_real, self.wall_s, scalars)
 
     def log_round(self, found: Round, num_real: int) -> None:
         """Store a round's estimate, and log its results."""
         self.estimate = found.estimate
         self.num_rounds += 1
         for event in found.events:
-            self.folder.log_event(self.step, self.wall_s, **asdict(event))
+            self.folder.logs.log_event(self.step, self.wall_s, **asdict(event))
         estimates = outcome.scalars(self.experiment.search, found.estimate)
         self.log(num_real, {"round": self.num_rounds} | estimates | found.metrics)
 

@@ -1,6 +1,5 @@
-"""Additional parts of a training: the schedule, the environment, the agent, its replay."""
+"""What `train` works with: an experiment, and what learns to act."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,27 +7,27 @@ from typing import Any
 import numpy as np
 import torch
 
-from simtune.agents import Agent, AgentSpec, Observation
+from simtune.agents import Agent, Observation
 from simtune.config import TrainConfig
 from simtune.devices import choose_device
-from simtune.experiment.experiment import Experiment, TuningProblem, build_problem, build_search
-from simtune.experiment.presets import choose_agent, choose_range, choose_schedule, choose_search
+from simtune.experiment.experiment import Experiment, build_search
+from simtune.experiment.presets import choose_schedule, choose_search
+from simtune.experiment.problem import build_problem
 from simtune.experiment.rollout import Environment
 from simtune.experiment.schedule import Schedule
 from simtune.experiment.settings import Settings
+from simtune.experiment.training_parts import (
+    agent_of,
+    declared_late_s,
+    environments_of,
+    fixed_range_of,
+    replay_of,
+)
 from simtune.networks.layers import under
 from simtune.progress import ReportProgress, silent
-from simtune.randomization import Distribution
-from simtune.real.gap import RealityGap
 from simtune.real.recorded import RecordedReal
 from simtune.replay import Replay
-from simtune.simulation import Simulator
 from simtune.tasks import Task, check_reward, load_task, with_known_colours, with_one_square_camera
-from simtune.tuning import FixedRange
-from simtune.tuning.readings_fits import most_delayed
-from simtune.vision.keypoints import Keypoints
-
-_ROUNDED = 1e-6  # steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +78,7 @@ class TrainingExperiment(Experiment):
     @property
     def declared_late_steps(self) -> float:
         """Steps by which a policy sees pictures late, as the tuning file declares."""
-        return _declared_late_s(self) / self.real.step_s
+        return declared_late_s(self) / self.real.step_s
 
     def delay_steps(self, estimated: float | None, rng: np.random.Generator) -> int:
         """Delay of actions in simulated episodes: about `estimated` steps, or random if None.
@@ -147,117 +146,18 @@ def build_training(
     if problem.recordings:  # without a requested number there may be fewer than usual
         later = schedule.real_episodes[1:]
         schedule = replace(schedule, real_episodes=(len(problem.recordings), *later))
-    environment, scored_in = _environments(config, schedule, task, problem)
-    agent = _agent(config, settings, schedule, environment, problem, device)
+    environment, scored_in = environments_of(config, schedule, task, problem)
+    agent = agent_of(config, settings, schedule, environment, problem, device)
     if not agent.needs_keypoints:
         environment.keypoints = None  # finding them in each step takes time
     return TrainingExperiment(
         **vars(problem),
         settings=settings,
         search_name=name,
-        search=build_search(problem, name, settings) if name else _fixed_range(config, problem),
+        search=build_search(problem, name, settings) if name else fixed_range_of(config, problem),
         schedule=schedule,
         environment=environment,
         scored_in=scored_in,
         agent=agent,
-        replay=_replay(schedule, task, device),
-    )
-
-
-def _environments(
-    config: TrainConfig, schedule: Schedule, task: Task, problem: TuningProblem
-) -> tuple[Environment, Environment]:
-    """Where the policy learns, and where it is scored: with the reality gap, if there is one."""
-    assert isinstance(problem.simulator, Simulator), "load_task gives models' only"
-    assert isinstance(problem.keypoints, Keypoints)
-    most_late, seen = _most_late(problem), problem.real.observation
-    environment = Environment(
-        task,
-        problem.simulator,
-        schedule.num_stacked,
-        problem.keypoints,
-        most_late=most_late,
-        observation=seen,
-    )
-    gap = RealityGap.of(config, schedule.image_size)
-    if not gap:
-        return environment, environment
-    simulator = gap.simulator(task, seen.views())
-    scored_in = Environment(task, simulator, schedule.num_stacked, gap=gap, most_late=most_late)
-    return environment, scored_in
-
-
-def _most_late(problem: TuningProblem) -> int:
-    """Steps by which actions may be late: by a parameter, or as a search may find them to be.
-
-    And by what a camera declares.
-    """
-    seen, step_s, space = problem.real.observation, problem.simulator.step_s, problem.space
-    declared = math.ceil(_declared_late_s(problem) / step_s - _ROUNDED)
-    if space.is_delay.any():
-        return declared + math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
-    if not seen.max_latency_steps:
-        return declared
-    by_readings = most_delayed(step_s) if seen.sensors else 0
-    return declared + by_readings + seen.max_latency_steps
-
-
-def _declared_late_s(problem: TuningProblem) -> float:
-    """Seconds by which pictures come late to a policy, as the camera's `latency_s` says.
-
-    A pseudo-real world has no such camera: its pictures are in time, and a policy that was trained
-    for late ones would be scored in another world.
-    """
-    if problem.config.real == "pseudo":
-        return 0.0
-    return sum(camera.footage.latency_s for camera in problem.real.observation.cameras)
-
-
-def _fixed_range(config: TrainConfig, problem: TuningProblem) -> FixedRange:
-    """The range of a method without a search."""
-    mean = problem.start
-    if config.method == "oracle":
-        assert problem.truth is not None, "checked"
-        mean = problem.truth.for_oracle()
-    return FixedRange(Distribution.proportional(problem.space, mean, choose_range(config)))
-
-
-def _agent(
-    config: TrainConfig,
-    settings: Settings,
-    schedule: Schedule,
-    environment: Environment,
-    problem: TuningProblem,
-    device: str,
-) -> Agent:
-    assert environment.keypoints is not None, "given above"
-    spec = AgentSpec(
-        image_size=schedule.image_size,
-        num_stacked=schedule.num_stacked,
-        num_keypoints=len(environment.keypoints),
-        num_states=environment.num_states,
-        num_positions=environment.num_positions,
-        num_actions=environment.simulator.num_actions,
-        most_late=environment.most_late,
-        image_noise=problem.real.observation.image_noise,
-        privileged=~environment.task.parameters.is_appearance,
-        total_steps=schedule.total_steps,
-        first_tried=schedule.first_tried,
-        round_steps=schedule.num_worlds * environment.task.episode_steps,
-        seed=config.seed,
-        device=device,
-    )
-    return settings.make_agent(choose_agent(config), spec)
-
-
-def _replay(schedule: Schedule, task: Task, device: str) -> Replay:
-    """Room for all episodes, but only for the latest frames."""
-    num_episodes = -(-schedule.total_steps // task.episode_steps)
-    num_filmed = -(-schedule.filmed_steps // task.episode_steps)
-    return Replay(
-        task.parameters,
-        filmed_capacity=min(num_filmed, num_episodes),
-        unfilmed_capacity=num_episodes,
-        num_stacked=schedule.num_stacked,
-        device=device,
+        replay=replay_of(schedule, task, device),
     )

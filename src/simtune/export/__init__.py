@@ -14,8 +14,9 @@ from simtune.export.samples import draw_samples, write_samples
 from simtune.export.script import apply_script
 from simtune.export.worlds import refuse_unfit, write_module, write_worlds
 from simtune.parameters import ModelWriter, ParameterSpace
-from simtune.report.data import RunData, read_finished
-from simtune.run import write_atomically, write_json
+from simtune.report.data import RunData
+from simtune.report.read_run import read_finished
+from simtune.run.files import write_atomically, write_json
 from simtune.tasks import Task, with_model
 
 __all__ = ["draw_samples", "export", "tuned_model"]

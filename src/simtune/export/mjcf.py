@@ -14,7 +14,7 @@ from simtune.errors import InputError, one_line
 from simtune.parameters import ModelWriter, field_of, rows_of
 from simtune.parameters.fields import FIELDS
 from simtune.parameters.inferred import write_down_inferred
-from simtune.run import write_atomically
+from simtune.run.files import write_atomically
 from simtune.simulation import count_substeps
 from simtune.tasks import Task
 

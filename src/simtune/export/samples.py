@@ -11,7 +11,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.report.data import RunData
-from simtune.run import write_atomically
+from simtune.run.files import write_atomically
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import Joint
 

@@ -14,7 +14,7 @@ from simtune.export.script import is_nameless
 from simtune.export.training import module_text
 from simtune.names import ExportFormat
 from simtune.parameters import ModelWriter, ParameterSpace, field_of, rows_of
-from simtune.run import write_atomically
+from simtune.run.files import write_atomically
 
 
 def refuse_unfit(space: ParameterSpace, library: ExportFormat) -> None:

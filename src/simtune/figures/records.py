@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
-from simtune.run import read_json, read_jsonl
+from simtune.run.files import read_json, read_jsonl
 from simtune.tasks import TASKS
 from simtune.validate import is_number
 

@@ -20,7 +20,7 @@ from simtune.figures.groups import Setting, settings
 from simtune.figures.raster import png
 from simtune.figures.records import Record, read_records
 from simtune.report import words
-from simtune.run import write_atomically
+from simtune.run.files import write_atomically
 from simtune.validate import is_number
 
 PAGE = "figures.html"

@@ -28,7 +28,7 @@ from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.pictures.response import Photometry
 from simtune.fit.readings.joint_motion import JointMotion, left_open
-from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.output_error import Descent, OutputError, OutputErrorFit, ReplayStage
 from simtune.fit.readings.replay_cost import Guess
 from simtune.fit.readings.sensitivity import MOST_EPISODES
@@ -51,7 +51,7 @@ __all__ = [
     "JointMotion",
     "Lateness",
     "Observed",
-    "OpenLoop",
+    "OpenLoopReplay",
     "OutputError",
     "OutputErrorFit",
     "ParticleConfig",

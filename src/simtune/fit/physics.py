@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.simulation import Simulator
-from simtune.simulation.states import StateSpace
+from simtune.simulation import Simulator, StateSpace
 
 _NOTHING_LIKE_IT = -1e3  # what a diverged world predicts, in any unit
 
@@ -88,8 +87,9 @@ class Physics:
         """(E, T + 1, S) full states with all that (E, T, A) actions leave behind except the motion.
 
         That is delayed controls, and the states of filters and muscles, in worlds of the (N,)
-        parameters in unit coordinates. If actions are relative, they also depend on the motion, for
-        which (E, T + 1, nq + nv) guesses at the states are used.
+        parameters in unit coordinates. If actions are relative, or integrated from where a joint
+        begins, they also depend on the motion, for which (E, T + 1, nq + nv) guesses at the states
+        are used.
         """
         num_episodes, num_steps, _ = actions.shape
         model, simulator = self.simulator.model, self.simulator
@@ -97,9 +97,9 @@ class Physics:
             shape = (num_episodes, num_steps + 1, len(self._full_state))
             return np.broadcast_to(self._full_state, shape)
         worlds = np.repeat(self.parameters.from_unit(unit)[None], num_episodes, 0)
-        if not simulator.action_mapping.is_relative:
+        if not simulator.action_mapping.is_relative and not simulator.held.integrated.size:
             return simulator.roll_out(worlds, actions, self._rng, keep_diverged=True).states
-        full_states = [np.repeat(self._full_state[None], num_episodes, 0)]
+        full_states = [self._begun(states[:, 0], worlds)]
         for t in range(num_steps):
             now = self.space.with_positions_and_velocities(full_states[t], states[:, t])
             step = actions[:, t]
@@ -114,6 +114,21 @@ class Physics:
             full_states[t] = played.states[:, 0].copy()
             full_states.append(played.states[:, -1].copy())
         return np.stack(full_states, 1)
+
+    def _begun(self, states: np.ndarray, worlds: np.ndarray) -> np.ndarray:
+        """(E, S) full states before any action, of (E, nq + nv) states in (E, N) worlds.
+
+        What integrates a velocity goes with its joint.
+        """
+        simulator, begun = self.simulator, self.full_states(states)
+        held, some = simulator.held, np.broadcast_to(self._full_state, begun.shape)
+        holding, of_some = (
+            simulator.begin(worlds, self._rng, starts=starts, observe=held.holding).observed[:, 0]
+            for starts in (begun, some)
+        )
+        integrated = simulator.state_space.remembered.start + held.integrated
+        begun[:, integrated] += holding - of_some
+        return begun
 
     @property
     def some_state(self) -> np.ndarray:

@@ -17,7 +17,8 @@ from simtune.observation.joints import (
     units_of,
     usual_noise,
 )
-from simtune.observation.model import Camera, ObservationModel, Sensor
+from simtune.observation.model import Camera, ObservationModel
+from simtune.observation.sensor import Sensor
 
 __all__ = [
     "AllEvidence",

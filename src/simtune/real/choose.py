@@ -1,31 +1,35 @@
 """The real world that a command names: `pseudo`, a robot, or recordings."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from simtune.cameras.views import View
-from simtune.config import ROBOTS, RealConfig, RecordingsConfig, TrainConfig
+from simtune.config import ROBOTS, RealConfig, TrainConfig
 from simtune.config.robot import Driver
 from simtune.devices import choose_device
-from simtune.errors import InputError, UnknownName
-from simtune.observation import ObservationModel, Sensor
+from simtune.errors import InputError
+from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
+from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.real.robot import A_FEW, RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.real.truth import Truth
-from simtune.recordings import Dataset, open_dataset
 from simtune.run.config import FILMED, stored_config
-from simtune.tasks import AnyTask, Task
+from simtune.tasks import AnyTask
 
-_OTHER_ORDER = 50.0  # factor between the duration of recorded steps and the task's
+
+class ChosenReal(NamedTuple):
+    """A real world, and what is known of its parameters."""
+
+    real: RealWorld
+    start: np.ndarray  # (N,) parameters at which the search starts
+    truth: Truth | None  # of a pseudo-real world
 
 
 def choose_real(
@@ -35,8 +39,8 @@ def choose_real(
     *,
     real_episodes: int | None = None,
     out: Path | None = None,
-) -> tuple[RealWorld, np.ndarray, Truth | None]:
-    """The real world, the (N,) parameters at which the search starts, and the truth if known.
+) -> ChosenReal:
+    """The real world that `config` names, and where its search starts.
 
     `pseudo`: a simulated world of `real_parameters`, optionally behind a RealityGap; the search
     starts `start_factor` times too high or too low. For a robot or recordings it starts at the
@@ -49,32 +53,37 @@ def choose_real(
     config.check_real()
     space = task.parameters
     if config.real == "pseudo":
-        truth = Truth(space, read_parameters(config.real_parameters, space))
-        gap = RealityGap.of(config, image_size)
-        seen = observed(task, config.observed, is_simulated=gap is None)
-        views = _views(seen, image_size)
-        if gap:
-            simulator = gap.simulator(task, views)
-        else:
-            device = choose_device(config.device)
-            simulator = task.simulator(image_size=image_size, views=views, device=device)
-        steps = task.episode_steps
-        real = truth.make_real(
-            simulator, episode_steps=steps, seed=config.seed, gap=gap, observation=seen
-        )
-        return real, truth.wrong_start(config.seed, config.start_factor), truth
+        return _pseudo(config, task, image_size)
     if config.real in ROBOTS:
         if observed(task, config.observed, is_simulated=False).sensors:
             raise InputError(
                 f"--real {config.real} films, and hands out no readings yet: give --observe cameras"
             )
-        return _robot(config, task, image_size, out), space.nominal.copy(), None
+        return ChosenReal(_robot(config, task, image_size, out), space.nominal.copy(), None)
     seen = observed(task, config.observed, is_simulated=False)
     dataset = open_recordings(config.real, task, config, image_size, seen)
     real = RecordedReal(dataset, seen.framed(dataset.aspects))
     if real_episodes != 0:
         real.collect(real_episodes)
-    return real, space.nominal.copy(), None
+    return ChosenReal(real, space.nominal.copy(), None)
+
+
+def _pseudo(config: RealConfig, task: AnyTask, image_size: int) -> ChosenReal:
+    """A simulated world, behind a reality gap if that is asked for."""
+    truth = Truth(task.parameters, read_parameters(config.real_parameters, task.parameters))
+    gap = RealityGap.of(config, image_size)
+    seen = observed(task, config.observed, is_simulated=gap is None)
+    views = _views(seen, image_size)
+    if gap:
+        simulator = gap.simulator(task, views)
+    else:
+        device = choose_device(config.device)
+        simulator = task.simulator(image_size=image_size, views=views, device=device)
+    steps = task.episode_steps
+    real = truth.make_real(
+        simulator, episode_steps=steps, seed=config.seed, gap=gap, observation=seen
+    )
+    return ChosenReal(real, truth.wrong_start(config.seed, config.start_factor), truth)
 
 
 def _views(seen: ObservationModel, image_size: int) -> list[View]:
@@ -113,56 +122,6 @@ def _check_filmed(config: RealConfig, real: RobotReal) -> None:
         raise InputError(
             f"the robot has to move for this: this training needs {first} episodes{then}, and "
             f"{num_filmed} are filmed: give --move"
-        )
-
-
-def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) -> ObservationModel:
-    """What is observed of a task's real world; `names` are those of `--observe`, None: default.
-
-    Raises InputError if there is no such sensor, or nothing is left.
-    """
-    sensors: Sequence[Sensor] = task.sensors if isinstance(task, Task) else ()
-    kinds = ["cameras"] * bool(task.cameras) + ["joints"] * bool(sensors)
-    there = [*kinds, *(footage.name for footage in task.cameras), *(s.name for s in sensors)]
-    for name in names or ():
-        if name not in there:
-            raise UnknownName("sensor", name, f"{task.name}, as --observe has it", there)
-    of = ObservationModel.of_simulator if is_simulated else ObservationModel.of_reality
-    usual = task.looks_at if isinstance(task, Task) else None
-    return of(tuple(sensors), task.cameras).only((usual or there) if names is None else names)
-
-
-def open_recordings(
-    path: str | Path,
-    task: AnyTask,
-    config: RecordingsConfig,
-    image_size: int | None,
-    observation: ObservationModel,
-) -> Dataset:
-    """Recordings with the observed sensors and the task's actions. Raises InputError if not so."""
-    films = [camera.footage for camera in observation.cameras]
-    if config.camera and len(films) > 1:
-        raise InputError("--camera names one of the recordings' cameras; here [[cameras]] does")
-    dataset = open_dataset(
-        path,
-        cameras=[replace(footage, key=config.camera or footage.key) for footage in films],
-        image_size=image_size,
-        num_actions=len(task.load_actions().names),
-        actions=config.action_names or (task.action_columns if isinstance(task, Task) else None),
-        control_hz=config.control_hz,
-        readings={sensor.name: sensor.columns for sensor in observation.sensors},
-    )
-    _check_pace(dataset, task)
-    return dataset
-
-
-def _check_pace(dataset: Dataset, task: AnyTask) -> None:
-    """Raises InputError for steps of another order than the task's, which take hours to play."""
-    if max(ratio := dataset.step_s / task.step_s, 1 / ratio) > _OTHER_ORDER:
-        raise InputError(
-            f"{dataset.where}: its rows come {1 / dataset.step_s:.3g} times a second, and "
-            f"{task.name} takes {1 / task.step_s:.3g} steps; are its times in seconds? If so, say "
-            "control_timestep_s in the tuning file accordingly, or --control-hz"
         )
 
 

@@ -1,12 +1,10 @@
 """The real world as a robot and a camera. The robot keeps to its workspace and speed limit."""
 
 import logging
-import math
 import sys
 import termios
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +17,15 @@ from simtune.observation import ObservationModel
 from simtune.real import RealWorld
 from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.meaning import meaning_of
+from simtune.real.robot_checks import check_actions, footage_of
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
 from simtune.robot.displacements import Displacements
-from simtune.simulation import MocapActions, PixelPolicy, random_actions, scale_actions
-from simtune.simulation.actions import ActionSpace
+from simtune.simulation import PixelPolicy, random_actions, scale_actions
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
 
 log = logging.getLogger(__name__)
 A_FEW = 5  # episodes filmed if no number is given
-_SHORTEST_STEP_S = 0.1  # time of three pictures
 
 
 class RobotReal(RealWorld):
@@ -52,37 +49,10 @@ class RobotReal(RealWorld):
 
         Or if what `folder` holds was filmed with something else in the robot's or the tuning file.
         """
-        if len(task.cameras) != 1:
-            raise InputError(
-                f"{task.name} has {len(task.cameras)} cameras; a robot is filmed by one: leave the "
-                "other [[cameras]] out, or record it yourself and give the recordings"
-            )
-        footage = replace(task.cameras[0], key=None)  # the robot's recordings have one camera only
-        if footage.lens:
-            raise InputError(
-                f"{task.name} has a lens or a region, and a robot's camera is used as it is: the "
-                "square in the middle of its picture. Leave them out, give that square's "
-                "field_of_view_deg, or record it yourself and give the recordings"
-            )
+        footage, mapping = footage_of(task), task.load_actions()
+        check_actions(config, task, mapping)
         self.observation = ObservationModel.of_reality(films=(footage,))
-        mapping = task.load_actions()
         self.step_s, self.num_actions = task.step_s, len(mapping.names)
-        if len(config.moved) != self.num_actions:
-            raise InputError(
-                f"{config.file}: {task.name} takes {self.num_actions} actions "
-                f"({', '.join(mapping.names)}), 'moved' names {len(config.moved)}"
-            )
-        if self.step_s < _SHORTEST_STEP_S:
-            raise InputError(
-                f"{task.name} takes a step every {self.step_s:g} s; a camera needs at least "
-                f"{_SHORTEST_STEP_S:g} s"
-            )
-        if not mapping.is_relative:
-            raise InputError(
-                f"an action of {task.name} is a control, and a robot's a displacement: have the "
-                'tuning file say mapping = "mocap" or "joints" (docs/tuning-file.md)'
-            )
-        _check_displacements(config, mapping, self.step_s)
         self._config, self._task, self._mapping = config, task, mapping
         self._image_size, self._seed, self._move = image_size, seed, move
         meaning = meaning_of(config, task)
@@ -174,35 +144,6 @@ class RobotReal(RealWorld):
                 played = session.play(begin(episode), self._task.episode_steps, sitting.note)
                 sitting.add(played)
         return sitting
-
-
-def _check_displacements(config: RobotConfig, mapping: ActionSpace, step_s: float) -> None:
-    """Raises InputError if an xArm goes farther or less far than in the task; warns if it is slow.
-
-    Other robots' units are unknown.
-    """
-    if config.driver == "xarm" and isinstance(mapping, MocapActions):
-        its_mm = 1000 * mapping.metres_per_unit
-        if not math.isclose(config.step, its_mm, rel_tol=1e-6):
-            raise InputError(
-                f"{config.file}: step = {config.step:g} mm, and the task's metres_per_unit is "
-                f"{mapping.metres_per_unit:g}: expected step = {its_mm:g}"
-            )
-    # All actions at their largest, along the diagonal
-    farthest = config.step * float(np.linalg.norm(np.abs(mapping.range).max(1)))
-    if farthest > config.speed * step_s * (1 + 1e-9):
-        log.warning(
-            "%s: with speed = %g the robot goes %.3g within a step of %.3g s, and the task's "
-            "actions go up to %.3g, which is shortened. Tuning uses what was sent, but a policy is "
-            "trained with all of it: give a speed above %.3g, or a smaller step here and in the "
-            "task",
-            config.file,
-            config.speed,
-            config.speed * step_s,
-            step_s,
-            farthest,
-            farthest / step_s,
-        )
 
 
 def _ask(what: str) -> None:

@@ -5,11 +5,10 @@ from simtune.recordings.dataset import Dataset
 from simtune.recordings.lerobot import write_dataset
 from simtune.recordings.open import open_dataset
 from simtune.recordings.video import decode, frames_at, probe
-from simtune.recordings.video_writer import VideoWriter, write_video
+from simtune.recordings.video_writer import write_video
 
 __all__ = [
     "Dataset",
-    "VideoWriter",
     "check_episode",
     "decode",
     "frames_at",

@@ -2,6 +2,6 @@
 
 from simtune.replay.episodes import Episodes
 from simtune.replay.replay import Replay, Transitions, in_parts
-from simtune.replay.store import EpisodeStore, Film
+from simtune.replay.store import EpisodeStore
 
-__all__ = ["EpisodeStore", "Episodes", "Film", "Replay", "Transitions", "in_parts"]
+__all__ = ["EpisodeStore", "Episodes", "Replay", "Transitions", "in_parts"]

@@ -1,6 +1,5 @@
-"""Reads a run folder for a report; missing data is left out."""
+"""The content of a run folder, for a report; what is missing is left out."""
 
-import zipfile
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +9,10 @@ import numpy as np
 
 from simtune.config import UNTUNED
 from simtune.errors import InputError
-from simtune.run import read_json, read_jsonl
 from simtune.run.config import TIME_IS_OVER
-from simtune.run.folder import POSTERIOR
 from simtune.run.sources import changed_sources, other_readers, source_of
 from simtune.tasks import AnyTask, load_any_task
 from simtune.validate import is_number
-
-VIDEOS = ("real", "before", "after", "overlay", "unexplained")
-POLICY_VIDEO = "policy"  # of the policy that is scored
 
 
 class Estimate(NamedTuple):
@@ -201,69 +195,3 @@ def _is_of_colour(facts: dict[str, Any]) -> bool:
     """Whether a parameter's values may be a colour's: a name ending in _r is not enough."""
     known = (facts.get(key) for key in ("nominal", "initial", "mean", "low", "high", "real"))
     return all(0 <= value <= 1 for value in known if is_number(value))
-
-
-def read_run(path: Path) -> RunData:
-    """Read a run folder. Raises InputError if `path` is not one or its files are damaged."""
-    if not (path / "config.json").is_file():
-        what = "it has no config.json" if path.exists() else "there is no such folder"
-        raise InputError(f"{path} is no run: {what}")
-    stored = _read_object(path / "config.json")
-    config = stored.get("config")
-    videos = {name: path / "videos" / f"{name}.mp4" for name in (*VIDEOS, POLICY_VIDEO)}
-    return RunData(
-        path=path,
-        config=config if isinstance(config, dict) else {},
-        stored=stored,
-        result=_read_object(path / "result.json"),
-        metrics=read_jsonl(path / "metrics.jsonl"),
-        events=read_jsonl(path / "events.jsonl"),
-        curves=_read_object(path / "curves.json"),
-        replay=_read_object(path / "replay.json"),
-        posterior=_read_posterior(path / POSTERIOR),
-        videos={name: file.read_bytes() for name, file in videos.items() if file.is_file()},
-    )
-
-
-def read_finished(path: Path) -> RunData:
-    """Read the folder of a run with a result. Raises InputError for others and damaged files."""
-    run = read_run(path)
-    if not run.result.get("parameters"):
-        raise InputError(
-            f"{path} has no result yet: let the run end, or, where it was interrupted, give its "
-            "command once more"
-        )
-    if "task" not in run.result:
-        raise InputError(f"{path / 'result.json'} is damaged: it has no task")
-    if "task" not in run.config:
-        raise InputError(f"{path / 'config.json'} is damaged: its config has no task")
-    return run
-
-
-def _read_posterior(path: Path) -> Posterior | None:
-    """The content of posterior.npz; None if there is no such file. Raises InputError."""
-    if not path.exists():
-        return None
-    try:
-        with np.load(path) as file:
-            names, draws, correlation = (file[key] for key in Posterior._fields)
-        if draws.ndim != 2 or draws.shape[1] != len(names) or not np.isfinite(draws).all():
-            raise ValueError(f"draws of {len(names)} parameters have the shape {draws.shape}")
-        if correlation.shape != (len(names),) * 2:
-            raise ValueError(f"the correlation has the shape {correlation.shape}")
-    except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path} is damaged: {error}") from None
-    return Posterior(tuple(names.tolist()), draws, correlation)
-
-
-def _read_object(path: Path) -> dict[str, Any]:
-    """A JSON file's object; empty if there is no file. Raises InputError."""
-    if not path.exists():
-        return {}
-    try:
-        value = read_json(path)
-    except ValueError as error:
-        raise InputError(f"{path} is damaged: {error}") from None
-    if not isinstance(value, dict):
-        raise InputError(f"{path} is damaged: it holds no object")
-    return value

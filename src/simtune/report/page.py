@@ -20,8 +20,9 @@ from simtune.report import (
     trust,
     words,
 )
-from simtune.report.data import POLICY_VIDEO, VIDEOS, RunData, read_run
-from simtune.run import write_atomically
+from simtune.report.data import RunData
+from simtune.report.read_run import POLICY_VIDEO, VIDEOS, read_run
+from simtune.run.files import write_atomically
 from simtune.tuning.range_update import RangeUpdateConfig
 from simtune.validate import is_number
 

@@ -24,7 +24,8 @@ action mappings get that batch. Its pitfalls:
 * **Controls may be late.** Actuators with a delay need room for past controls before the model is
   compiled (`prepare_spec`); the Runge-Kutta integrator shifts them by half a step.
 * **Servos have held their first control** when an episode begins (`held_controls`). MuJoCo's own
-  delays and filters begin at 0, which would swing a robot there.
+  delays and filters begin at 0, which would swing a robot there; so would integrated velocities,
+  which hold their joints instead.
 * **Steps need not divide evenly.** At a recording's rate the timestep is adjusted, and parts of a
   policy step may differ by one substep.
 * **A `Simulator` keeps few batches**, by number of worlds: `play` is not reentrant, and other

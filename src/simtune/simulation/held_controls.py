@@ -8,13 +8,15 @@ from simtune.simulation.servos import position_servos
 
 _DYN = mujoco.mjtDyn
 _FILTERS = (_DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
+_FIXED, _AFFINE = mujoco.mjtGain.mjGAIN_FIXED.value, mujoco.mjtBias.mjBIAS_AFFINE.value
 
 
 class HeldControls:
     """Before an episode, position servos have long been at their first control.
 
     Filters have settled on it, and delays still bring it. A control of 0, as MuJoCo begins with,
-    would first swing a robot to its zero. Motors were off: their controls were 0.
+    would first swing a robot to its zero. Motors were off: their controls were 0. What integrates a
+    velocity (<intvelocity>) held its joint where that is, unless the start gives it an activation.
     """
 
     def __init__(self, model: mujoco.MjModel):
@@ -30,14 +32,54 @@ class HeldControls:
             places += range(at + 2 + num, at + 2 + 2 * num)
             controls += [model.actuator_ctrladr[actuator]] * num
         self._places, self._place_controls = np.array(places, int), np.array(controls, int)
+        self._integrators = _integrators(model)
+        self.integrated = model.actuator_actadr[self._integrators]  # (I,) their activations
         limited = np.asarray(model.actuator_ctrllimited, bool)
         self._low, self._high = np.full(model.nu, -np.inf), np.full(model.nu, np.inf)
         self._low[limited], self._high[limited] = model.actuator_ctrlrange[limited].T
+        self._model = model
+
+    def holding(self, batch: Batch) -> np.ndarray:
+        """(n, I) activations at which integrators pull at nothing, in n worlds at rest.
+
+        Reads lengths: as an `observe`, call it once before the worlds start.
+        """
+        ids, model = self._integrators, self._model
+        if not ids.size:
+            return np.zeros((batch.nsim, 0))
+        length = batch.actuator_length[:, model.actuator_outadr[ids]]
+        bias, gain = model.actuator_biasprm[ids], model.actuator_gainprm[ids, 0]
+        limited = np.asarray(model.actuator_actlimited, bool)[ids]
+        low, high = model.actuator_actrange[ids].T
+        held: np.ndarray = -(bias[:, 0] + bias[:, 1] * length) / gain
+        return np.where(limited, np.clip(held, low, high), held)
+
+    def follow(self, batch: Batch, before: np.ndarray) -> None:
+        """Move activations that a keyframe gave as joints were moved; (n, I) `holding` `before`."""
+        if self.integrated.size:
+            given = _given(batch.act[:, self.integrated])
+            batch.act[:, self.integrated] += given * (self.holding(batch) - before)
 
     def settle(self, batch: Batch, controls: np.ndarray) -> None:
         """Set the memory of worlds whose first (n, nu) controls these are."""
         within = np.clip(controls, self._low, self._high)
         if self._acts.size:
             batch.act[:, self._acts] = within[:, self._act_controls]
+        if self.integrated.size:
+            begun = batch.act[:, self.integrated]
+            batch.act[:, self.integrated] = np.where(_given(begun), begun, self.holding(batch))
         if self._places.size:
             batch.history[:, self._places] = within[:, self._place_controls]
+
+
+def _integrators(model: mujoco.MjModel) -> np.ndarray:
+    """Ids of actuators that pull a joint to the integral of their control."""
+    pulls = (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
+    scales = (model.actuator_gaintype == _FIXED) & (model.actuator_gainprm[:, 0] != 0)
+    integrates = model.actuator_dyntype == _DYN.mjDYN_INTEGRATOR.value
+    return np.flatnonzero(integrates & pulls & scales)
+
+
+def _given(activations: np.ndarray) -> np.ndarray:
+    """(n, 1) bool of (n, I): whether a keyframe gives them; all are 0 without."""
+    return np.any(activations, axis=1, keepdims=True)

@@ -8,27 +8,32 @@ from scipy.spatial.transform import Rotation
 
 from simtune.parameters.fields import OF_JOINTS
 from simtune.simulation.states import StateSpace
+from simtune.simulation.ties import joints_of_tendon, tied_bodies, with_tied
 
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
+_BY_TENDON = mujoco.mjtTrn.mjTRN_TENDON.value
 _FAR = 2.0  # of the model's extent, from where it began
 _USUAL = 0.02, 0.98  # quantiles of places: an object that was flung away tells nothing
 
 
 def loose_joints(model: mujoco.MjModel) -> np.ndarray:
-    """Joints of free bodies in trees of their own; none with tendons or constraints."""
-    if model.ntendon or model.neq:
-        return np.zeros(0, int)
+    """Joints of free bodies in trees of their own, to which nothing is tied."""
     alone = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=model.nbody) == 1
+    alone[model.body_rootid[list(tied_bodies(model))]] = False
     return np.flatnonzero((model.jnt_type == _FREE) & alone[model.jnt_bodyid])
 
 
 def passive_joints(model: mujoco.MjModel) -> np.ndarray:
     """Joints that no actuator drives, without those of loose objects: a lid, a door.
 
-    Meant for models with loose objects, where nothing ties joints to each other.
+    An actuator may drive a joint through a tendon, or one that is tied to another joint.
     """
-    driven = model.actuator_trnid[np.isin(model.actuator_trntype, OF_JOINTS), 0]
-    return np.setdiff1d(np.arange(model.njnt), np.union1d(driven, loose_joints(model)))
+    on_joint = np.isin(model.actuator_trntype, OF_JOINTS)
+    driven = set(model.actuator_trnid[on_joint, 0].tolist())
+    for tendon in model.actuator_trnid[model.actuator_trntype == _BY_TENDON, 0]:
+        driven.update(joints_of_tendon(model, tendon))
+    driven = with_tied(model, driven)
+    return np.setdiff1d(np.arange(model.njnt), [*driven, *loose_joints(model)])
 
 
 def loose_places(model: mujoco.MjModel) -> list[int]:

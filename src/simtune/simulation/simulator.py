@@ -31,7 +31,7 @@ class Simulator(AnySimulator):
         self.image_size, self.supersampling = drawing.image_size, drawing.supersampling
         self.views, self._filming = drawing.views, Filming(self.model, scene.space, drawing)
         self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
-        self._initialize, self._held = scene.initialize, HeldControls(self.model)
+        self._initialize, self.held = scene.initialize, HeldControls(self.model)
         self._worlds: dict[int, Worlds] = {}
 
     @property
@@ -76,7 +76,7 @@ class Simulator(AnySimulator):
             actions[:, t] = act(t, worlds.state)
             controls = self.action_mapping.apply(worlds.batch, actions[:, t])
             if t == 0 and (starts is None if is_beginning is None else is_beginning):
-                self._held.settle(worlds.batch, controls)
+                self.held.settle(worlds.batch, controls)
                 remembered = self.state_space.remembered
                 states[:, 0, remembered] = worlds.state[:, remembered]
             for substeps in parts:
@@ -109,7 +109,8 @@ class Simulator(AnySimulator):
     ) -> Worlds:
         """Worlds of (n, N) parameters in their first states."""
         worlds = self._worlds_for(len(parameters))
-        observe(worlds.batch)  # binds the fields it reads, so that they are computed
+        for reads in (observe, self.held.holding):
+            reads(worlds.batch)  # binds the fields it reads, so that they are computed
 
         def put(batch: Batch, _: np.random.Generator) -> None:
             batch.state[...] = starts

@@ -1,5 +1,6 @@
 """Progress of a sweep: sweep.json, a live table on a terminal, and plain lines elsewhere."""
 
+import os
 import sys
 import time
 from collections import Counter
@@ -10,7 +11,7 @@ from typing import Any
 
 from simtune.columns import aligned
 from simtune.report.words import duration
-from simtune.run import read_json, write_json
+from simtune.run.files import read_json, write_json
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.estimate import Expectation, seconds_left
 from simtune.sweep.lease import Lease
@@ -79,17 +80,25 @@ class Board:
         failed = f", {counts['failed']} failed" if counts["failed"] else ""
         return f"{counts['done']} of {len(self._runs)} runs done{failed}; time left: {left}"
 
-    def table(self) -> list[str]:
-        """Lines: number of runs by status, for each task and method, and a line for all."""
+    def table(self, most: int = sys.maxsize) -> list[str]:
+        """Lines: number of runs by status, for each task and method, and a line for all.
+
+        At most `most`: then those of what is running, or waits, come first.
+        """
         groups: dict[str, Counter[str]] = {}
         for run in self._runs:
             method = run.options.get("method", run.command)
             status = "running" if run.name in self._running else self.standings[run.name].status
             groups.setdefault(f"{run.task} {method}", Counter())[status] += 1
+        kept, more = list(groups.items()), list[str]()
+        if len(kept) + 2 > most:  # the heading, and the line for all
+            kept.sort(key=lambda group: (not group[1]["running"], not group[1]["waiting"]))
+            kept = kept[: max(most - 3, 0)]
+            more = [f"and {len(groups) - len(kept)} rows more"]
         rows: list[tuple[str, ...]] = [("", *_COLUMNS)]
-        for name, counts in groups.items():
+        for name, counts in kept:
             rows.append((name, *(str(counts[column] or "·") for column in _COLUMNS)))
-        return [*aligned(rows, left=[0]), self._total()]
+        return [*aligned(rows, left=[0]), *more, self._total()][-most:]
 
     def _write(self) -> None:
         """Replace sweep.json. If the disk is full, the old one stays until the next time."""
@@ -109,7 +118,9 @@ class Board:
     def _draw(self) -> None:
         if self._is_live:
             self._erase()
-            lines = self.table()
+            width, height = _terminal()
+            # One line is the cursor's. A longer line would take two, of which one would stay
+            lines = [line[: width - 1] for line in self.table(height - 1)]
             self._drawn = len(lines)
             print("\n".join(lines), file=sys.stderr, flush=True)
 
@@ -118,3 +129,12 @@ class Board:
         if self._drawn:
             print(f"\x1b[{self._drawn}F\x1b[J", end="", file=sys.stderr)
         self._drawn = 0
+
+
+def _terminal() -> tuple[int, int]:
+    """Columns and lines of the terminal on which the table is drawn; some do not say."""
+    try:
+        width, height = os.get_terminal_size(sys.stderr.fileno())
+    except (OSError, ValueError):
+        width, height = 0, 0
+    return width or 80, height or 24

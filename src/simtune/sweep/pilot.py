@@ -8,7 +8,7 @@ from typing import Any
 
 from simtune.config import TuneConfig
 from simtune.experiment.presets import choose_schedule, choose_search
-from simtune.run import read_json, read_jsonl, write_json
+from simtune.run.files import read_json, read_jsonl, write_json
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.lease import Lease, cores_taken
 from simtune.sweep.process import Processes

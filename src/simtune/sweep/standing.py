@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from simtune.run import read_json, write_json
+from simtune.run.files import read_json, write_json
 from simtune.sweep.asked import AskedRun
 
 _MOST_KILLS = 20  # by a signal, e.g. for lack of memory, which is rarely the run's own fault

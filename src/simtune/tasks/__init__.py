@@ -14,7 +14,10 @@ from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger,
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.known_colours import known_values, with_known_colours
 from simtune.tasks.task import Task
-from simtune.tasks.tuning_file import TomlTable, is_xml, load_tuning_file, named_files, read_task
+from simtune.tasks.tuning_file.load import load_tuning_file, read_task
+from simtune.tasks.tuning_file.model import is_xml
+from simtune.tasks.tuning_file.named_files import named_files
+from simtune.tasks.tuning_file.toml_table import TomlTable
 
 AnyTask = Task | EnvironmentTask
 IN_PYTHON = "in Python: "  # prefix of the names of tasks that were declared without a file

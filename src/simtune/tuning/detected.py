@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.trajectory import Trajectory
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.detector_noise import DetectorNoise
 
 

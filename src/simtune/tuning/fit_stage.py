@@ -1,7 +1,7 @@
 """Last stage of a round: fit the simulator to the observations, and judge the fit by refits."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from simtune.tuning.detected import HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning.search import SearchContext
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.keypoint_tracks import KeypointTracks
 
@@ -40,25 +40,16 @@ from simtune.vision.keypoint_tracks import KeypointTracks
 _BLUNT = 30.0
 
 
+@dataclass(frozen=True)
 class FitStage:
     """A fit with the detector's noise and a state estimator; it treats all worlds alike."""
 
-    def __init__(
-        self,
-        context: SearchContext,
-        model: PosteriorSearchParamModel,
-        replay_fit: ReplayFit,
-        noise: DetectorNoise,
-        learnt_from: AllEvidence,
-        is_blunt: bool = False,
-    ):
-        """`noise`: of the detector; `learnt_from`: by the state estimator, on whose scale readings
-        are given to it; `is_blunt`: readings count as if they were noisier.
-        """
-        assert isinstance(context.simulator, Simulator), "see SearchContext.can_fit"
-        self._context, self._model, self._simulator = context, model, context.simulator
-        self._replay_fit, self._noise, self._is_blunt = replay_fit, noise, is_blunt
-        self._learnt_from = learnt_from
+    context: SearchContext
+    model: PosteriorSearchParamModel
+    replay_fit: ReplayFit
+    noise: DetectorNoise  # of the detector
+    learnt_from: AllEvidence  # by the state estimator: on its scale readings are given to it
+    is_blunt: bool = False  # readings count as if they were noisier
 
     @classmethod
     def prepare(
@@ -76,8 +67,7 @@ class FitStage:
         The detector's noise is measured in those `near` the real one. `by_readings`: None if they
         are used in windows only, or there are none.
         """
-        worlds, simulator = held_out.worlds, context.simulator
-        assert isinstance(simulator, Simulator), "see SearchContext.can_fit"
+        worlds, simulator = held_out.worlds, _simulator_of(context)
         tracks = KeypointTracks.of_detections(held_out.episodes, simulator.shape, held_out.noise())
         evidence = context.observation.evidence(tracks, worlds.readings)
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
@@ -103,33 +93,32 @@ class FitStage:
         discrepancy = np.where(photometry.is_known, 0.0, discrepancy)
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry, joints)
         learnt_from = evidence.at(np.arange(0))  # its scales only
-        return cls(
-            context, model, replay_fit, near.noise(), learnt_from, is_blunt=by_readings is None
-        )
+        is_blunt = by_readings is None
+        return cls(context, model, replay_fit, near.noise(), learnt_from, is_blunt)
 
     @property
     def reading_labels(self) -> tuple[str, ...]:
         """Labels of the fits' offsets."""
-        return self._context.observation.reading_labels
+        return self.context.observation.reading_labels
 
     def sized(self, num_steps: int, seconds: float, at_most_s: float) -> "FitStage":
         """The same, with fits that take about `seconds`, for real episodes of `num_steps` in all.
 
         See `fit_to_budget`.
         """
-        return self._with(self._replay_fit.sized(num_steps, seconds, at_most_s))
+        return replace(self, replay_fit=self.replay_fit.sized(num_steps, seconds, at_most_s))
 
     def least(self) -> "FitStage":
         """The same, with fits as small as they may be."""
-        return self._with(self._replay_fit.least())
+        return replace(self, replay_fit=self.replay_fit.least())
 
     @property
     def is_least(self) -> bool:
-        return self._replay_fit.is_least
+        return self.replay_fit.is_least
 
-    def _with(self, replay_fit: ReplayFit) -> "FitStage":
-        given = self._noise, self._learnt_from, self._is_blunt
-        return FitStage(self._context, self._model, replay_fit, *given)
+    @property
+    def _simulator(self) -> Simulator:
+        return _simulator_of(self.context)
 
     def observed(
         self, trajectories: Sequence[Trajectory], detections: Sequence[Detections]
@@ -137,13 +126,13 @@ class FitStage:
         """Episodes cut to equal length, with the detections in their frames."""
         steps = min(len(t) for t in trajectories)
         cut = [found.first(steps + 1) for found in detections]
-        tracks = KeypointTracks.of_detections(cut, self._simulator.shape, self._noise)
+        tracks = KeypointTracks.of_detections(cut, self._simulator.shape, self.noise)
         first = [t.first(steps) for t in trajectories]
         names = first[0].readings
         readings = {name: np.stack([t.readings[name] for t in first]) for name in names}
-        evidence = self._context.observation.evidence(tracks, readings)
-        evidence = _scaled_as(evidence, self._learnt_from)
-        evidence = _blunted(evidence) if self._is_blunt else evidence
+        evidence = self.context.observation.evidence(tracks, readings)
+        evidence = _scaled_as(evidence, self.learnt_from)
+        evidence = _blunted(evidence) if self.is_blunt else evidence
         actions = np.stack([t.actions for t in first]).astype(float)
         frames = [t.frames for t in first]  # views, not copies: there may be many
         substeps = self._simulator.num_substeps
@@ -152,7 +141,7 @@ class FitStage:
 
     @property
     def _most_late(self) -> int:
-        return self._context.observation.unknown_latency_steps(self._simulator)
+        return self.context.observation.unknown_latency_steps(self._simulator)
 
     def fit(
         self,
@@ -167,7 +156,7 @@ class FitStage:
         Raises OutOfTime as soon as `budget` is over.
         """
         most = self._most_late if finds_latency else 0
-        replay_fit = self._replay_fit.within(budget)
+        replay_fit = self.replay_fit.within(budget)
         return replay_fit.fit(observed, start, range(most + 1), extend_horizon)
 
     def bootstrap(
@@ -186,7 +175,7 @@ class FitStage:
         unfinished refit does not count.
         """
         num, num_episodes = size
-        actions, observation = observed.actions[:num_episodes], self._context.observation
+        actions, observation = observed.actions[:num_episodes], self.context.observation
         # What an action moves depends on where objects stand. With the box elsewhere, actions that
         # had moved ALOHA's real box moved nothing.
         starts = fit.starts[:num_episodes]
@@ -201,11 +190,17 @@ class FitStage:
                 self._simulator, rollouts.states, fit.late_s[0] / self._simulator.step_s
             )
             recorded = observation.record(self._simulator, replace(rollouts, states=shown), rng)
-            detections = [self._model.detect(trajectory.frames) for trajectory in recorded]
+            detections = [self.model.detect(trajectory.frames) for trajectory in recorded]
             return replace(self.observed(recorded, detections), actions=actions)
 
-        replay_fit = self._replay_fit.within(budget)
+        replay_fit = self.replay_fit.within(budget)
         return run_bootstrap(replay_fit, synthesize, fit, start, num, rng, extend_horizon, budget)
+
+
+def _simulator_of(context: SearchContext) -> Simulator:
+    """Of a context that can fit."""
+    assert isinstance(context.simulator, Simulator), "see SearchContext.can_fit"
+    return context.simulator
 
 
 def _scaled_as(evidence: AllEvidence, other: AllEvidence) -> AllEvidence:

@@ -1,4 +1,4 @@
-"""End of a round: fit the simulator, judge the fit by refits of known worlds, conclude."""
+"""End of a round: fit the simulator, judge the fit by refits of known worlds."""
 
 import time
 from dataclasses import dataclass, replace
@@ -13,29 +13,15 @@ from simtune.fit import (
     FitResult,
     Observed,
     PointEstimate,
-    bound_warnings,
-    calibrated,
-    correlated_pairs,
-    has_comparison,
-    held_out_misfit,
-    is_motion_unexplained,
-    model_checks,
-    ranks,
-    to_range_units,
 )
 from simtune.randomization import Distribution
 from simtune.tuning.earlier import Earlier
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.fit_verdict import conclude
 from simtune.tuning.learning import Learned, Learning
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import (
-    RangeUpdateConfig,
-    blurred,
-    point_estimate,
-    read_curves,
-    with_fit,
-)
+from simtune.tuning.range_update import point_estimate, read_curves
 from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning.search import Callbacks, SearchContext
 
@@ -82,10 +68,8 @@ class Judging:
         config, real = learning.config, learned.detected.trajectories
         start = point_estimate(learned.prob_higher, learned.searched)
         if by_readings:
-            config, start = (
-                replace(config, fit=by_readings.fit_config(config.fit)),
-                by_readings.start(start),
-            )
+            config = replace(config, fit=by_readings.fit_config(config.fit))
+            start = by_readings.start(start)
         near, held_out = learning.film_near(learned, start, budget), learned.held_out
         stage = FitStage.prepare(
             context, learning.model, held_out, near, config, budget, by_readings
@@ -189,47 +173,3 @@ class Judging:
             offsets = zip(self.stage.reading_labels, fit.offsets.tolist(), strict=True)
             estimate = replace(estimate, offsets=dict(offsets))
         return self.by_readings.combined_with(estimate) if self.by_readings else estimate, curves
-
-
-def judge_by_networks(
-    learned: Learned, context: SearchContext, config: RangeUpdateConfig
-) -> tuple[Estimate, np.ndarray]:
-    """The estimate and its (N, C) curves where nothing can be fitted."""
-    discrepancy = context.observation.discrepancy_std(context.first.space.is_appearance)
-    curves = blurred(learned.prob_higher, discrepancy, learned.searched)
-    return read_curves(curves, learned.searched, context.first, config), curves
-
-
-def conclude(
-    prob_higher: np.ndarray,
-    fit: FitResult,
-    bootstrap: Bootstrap,
-    searched: Distribution,
-    first: Distribution,
-    config: RangeUpdateConfig,
-) -> tuple[Estimate, np.ndarray]:
-    """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
-    space, trusted = searched.space, calibrated(fit, bootstrap, searched.space)
-    mean, std = to_range_units(trusted, searched)
-    curves = with_fit(prob_higher, mean, std, config)
-    read = read_curves(curves, searched, first, config)
-    is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
-    at_bounds = bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
-    # If the model lacks something else, none of its numbers is identified.
-    is_wrong = is_motion_unexplained(fit, bootstrap) or fit.is_too_late
-    is_sound = has_comparison(bootstrap) and not is_wrong
-    doubtful = np.array([not is_sound or name in at_bounds for name in space.names])
-    estimate = replace(
-        read,
-        verdict=at_most_weak(read.verdict, doubtful),
-        correlation=trusted.correlation,
-        correlations=correlated_pairs(trusted.correlation, space),
-        ranks=ranks(bootstrap, space.names),
-        warnings=[*model_checks(fit, bootstrap), *at_bounds.values()],
-        held_out=held_out_misfit(fit, bootstrap),
-        start=fit.starts[0].tolist(),
-        latency_steps=fit.latency_steps,
-        pictures_late_s=(float(fit.late_s[0]), float(fit.late_s[1])),
-        camera_responses=[camera.to_json() for camera in fit.responses] if len(fit.known) else [],
-    )
-    return estimate, curves

@@ -28,7 +28,8 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.earlier import Earlier
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.familiarity import doubted, how_strange
-from simtune.tuning.judging import Judging, judge_by_networks
+from simtune.tuning.fit_verdict import conclude_by_networks
+from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learned, Learning
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -44,7 +45,7 @@ from simtune.tuning.search import (
     SearchContext,
 )
 from simtune.tuning.world_sampler import WorldSampler
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 
 _READINGS_SHARE = 0.35  # of all time, for the fit to readings alone
 # At least, since keypoints of what readings tell are not looked for (`keypoints_of_run`)
@@ -56,13 +57,8 @@ class PosteriorSearch:
 
     def __init__(self, context: SearchContext, config: PosteriorSearchConfig | None = None):
         """Raises InputError if nothing moves that could show a hidden parameter."""
+        _check_shown(context)
         space = context.simulator.space
-        hidden = [p.name for p in space if not p.is_visible]
-        if hidden and not len(context.keypoints):
-            raise InputError(
-                f"{hidden[0]} shows in motion only, and nothing moves in the simulator's episodes: "
-                "have them start elsewhere, act, or leave the parameter out"
-            )
         self.config = config = config or PosteriorSearchConfig()
         self.context = context
         self.first = self.distribution = context.first
@@ -177,7 +173,8 @@ class PosteriorSearch:
             estimate, curves = judging.judge(may_be_last, budget, callbacks)
             self._earlier = judging.earlier
         else:
-            estimate, curves = judge_by_networks(learned, self.context, self.config.range_update)
+            config = self.config.range_update
+            estimate, curves = conclude_by_networks(learned, self.context, config)
         if by_readings is None or not by_readings.is_used:
             strange = how_strange(learned.keypoints, learned.held_out, learned.detected)
             estimate = doubted(estimate, strange)
@@ -249,3 +246,13 @@ class PosteriorSearch:
         self._learning.worlds.rng.bit_generator.state = state["rng"]
         self._unfinished, self._num_read = state["unfinished"], state["num_read"]
         self._earlier = Earlier.from_json(state["earlier"])
+
+
+def _check_shown(context: SearchContext) -> None:
+    """Raises InputError if nothing moves that could show a hidden parameter."""
+    hidden = [p.name for p in context.simulator.space if not p.is_visible]
+    if hidden and not len(context.keypoints):
+        raise InputError(
+            f"{hidden[0]} shows in motion only, and nothing moves in the simulator's episodes: "
+            "have them start elsewhere, act, or leave the parameter out"
+        )

@@ -20,7 +20,7 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import MOST_EPISODES, Lateness, OpenLoop, OutputError, Readings
+from simtune.fit import MOST_EPISODES, Lateness, OpenLoopReplay, OutputError, Readings
 from simtune.fit.lateness import is_too_late
 from simtune.observation import finds_offset
 from simtune.simulation import Simulator
@@ -94,7 +94,7 @@ class ReadingsSearch:
         """The smallest sound round derives once at each horizon, and twice in whole episodes."""
         readings, loop = self._look_at(real)
         unit, fit = self._begin(loop), self._fit(loop)
-        stretches = loop.cut(readings, unit, np.zeros(loop.num_readings), 10**9, 10**9)
+        stretches = loop.cut(readings, unit, np.zeros(loop.measured.num_readings), 10**9, 10**9)
         began_s = time.monotonic()
         loop.play(stretches, stretches.states[None], unit[None])
         once_s, steps = time.monotonic() - began_s, sum(map(len, real))
@@ -168,10 +168,10 @@ class ReadingsSearch:
         part = budget.part(searching_s, (0.4, 0.9))
         return fits.fit_until_two_agree(ended, late, part), late
 
-    def _fit(self, loop: OpenLoop) -> OutputError:
+    def _fit(self, loop: OpenLoopReplay) -> OutputError:
         return OutputError(loop, finds_offset(loop.sensors), self._begin(loop))
 
-    def _begin(self, loop: OpenLoop) -> np.ndarray:
+    def _begin(self, loop: OpenLoopReplay) -> np.ndarray:
         """(N,) first guess in unit coordinates, with a lateness of 0 if that is unknown.
 
         In a round after another one, which was short of time, that is what it found.
@@ -184,8 +184,8 @@ class ReadingsSearch:
         """Whether actions or readings may be."""
         return self._context.observation.unknown_latency_steps(self._simulator) > 0
 
-    def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoop]:
-        loop = OpenLoop.of(self._simulator, self._context.observation, self._context.start)
+    def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
+        loop = OpenLoopReplay.of(self._simulator, self._context.observation, self._context.start)
         loop = loop.with_lateness() if self._may_be_late else loop
         return Readings.of(real, loop.sensors), loop
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import FitConfig, JointMotion, OpenLoop, PointEstimate, correlated_pairs
+from simtune.fit import FitConfig, JointMotion, OpenLoopReplay, PointEstimate, correlated_pairs
 from simtune.normal import STDS_90
 from simtune.observation import advanced, finds_offset, joints_of
 from simtune.parameters import ParameterSpace
@@ -76,11 +76,11 @@ class ReadingsEstimate:
         is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
         if not is_readable or not isinstance(simulator, Simulator):
             return None
-        loop = OpenLoop.of(simulator, seen, context.start)
+        loop = OpenLoopReplay.of(simulator, seen, context.start)
         if loop.unseen:
             return None
         joints = None
-        if loop.knows_all_but_objects:
+        if loop.measured.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
         search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
         if not budget.is_endless and search.measure_time(real).least_s > budget.seconds_left:

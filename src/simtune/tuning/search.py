@@ -13,7 +13,7 @@ from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, Points
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.keypoints import Keypoints
 
 

@@ -6,7 +6,6 @@ of the work of estimating parameters from pixels, and needs no sequences.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,6 +14,7 @@ from torch.nn import functional as F
 
 from simtune.cameras.pictures import pictures_at_once
 from simtune.networks.layers import autocast, mlp
+from simtune.vision.detections import Detections
 
 _CPU = torch.device("cpu")
 _STRIDE = 2  # pixels per cell of the heatmaps
@@ -196,7 +196,7 @@ def to_input(frames: np.ndarray | torch.Tensor) -> torch.Tensor:
 @torch.no_grad()
 def detect(
     detector: KeypointDetector, frames: np.ndarray, batch_size: int | None = None
-) -> "Detections":
+) -> Detections:
     """Keypoints and visible parameters in (n, H, W, 3) frames, on the detector's device.
 
     On a CPU larger batches than the default are slower, and take much memory.
@@ -208,22 +208,3 @@ def detect(
         places, *others = detector.candidates(heatmaps)
         parts.append((places[:, 0], places, *others, estimated))
     return Detections(*(torch.cat(part).cpu().numpy() for part in zip(*parts, strict=True)))
-
-
-class Detections(NamedTuple):
-    """Detections in n pictures."""
-
-    keypoints: np.ndarray  # (n, L, 2) pixels
-    candidates: np.ndarray  # (n, 2, L, 2) pixels: the same, and the second best place
-    probability: np.ndarray  # (n, 2, L) of each place; the rest is for elsewhere
-    spread: np.ndarray  # (n, 2, L, 2) pixels, of the heatmap around each place
-    visible: np.ndarray  # (n, V) visible parameters, in coordinates of the whole space
-
-    def episodes(self, num: int) -> list["Detections"]:
-        """Split into `num` successive episodes of equal length."""
-        parts = (np.split(values, num) for values in self)
-        return [Detections(*fields) for fields in zip(*parts, strict=True)]
-
-    def first(self, num: int) -> "Detections":
-        """Those of the first `num` pictures."""
-        return Detections(*(values[:num] for values in self))

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import isotonic_regression
 
 from simtune.normal import MAD_TO_STD
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.detector_bias import DetectorBias
 
 _SURE = 0.8  # probability of both places together, from which errors are taken as noise

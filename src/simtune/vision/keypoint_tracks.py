@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from simtune.vision.detector import Detections
+from simtune.vision.detections import Detections
 from simtune.vision.detector_bias import DetectorBias
 from simtune.vision.detector_noise import DetectorNoise
 

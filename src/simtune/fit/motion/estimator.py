@@ -9,7 +9,7 @@ from simtune.fit.observed import Observed
 from simtune.networks.layers import seeded
 from simtune.networks.training import TrainingClock, train_network
 from simtune.normal import MAD_TO_STD
-from simtune.simulation.states import StateSpace
+from simtune.simulation import StateSpace
 
 _CHANNELS = 96
 _DILATIONS = (1, 2, 4)  # with kernels of 5: 14 frames to either side

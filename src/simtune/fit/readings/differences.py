@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
 from simtune.fit.readings.stretches import Stretches
 
@@ -21,7 +21,7 @@ class Where(NamedTuple):
     start_std: np.ndarray  # (S,) prior std of an initial state: the units of its unknowns
 
 
-def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> StretchSlopes:
+def differentiate(loop: OpenLoopReplay, where: Where, one_sided: bool = False) -> StretchSlopes:
     """Derivatives by each parameter and initial state, by central differences.
 
     One-sided differences would seem to separate parameters with the same effect, such as a servo's
@@ -39,7 +39,9 @@ def differentiate(loop: OpenLoop, where: Where, one_sided: bool = False) -> Stre
     return StretchSlopes(here, slopes[:, :num], slopes[:, num:])
 
 
-def refresh(loop: OpenLoop, where: Where, slopes: StretchSlopes, groups: Groups) -> StretchSlopes:
+def refresh(
+    loop: OpenLoopReplay, where: Where, slopes: StretchSlopes, groups: Groups
+) -> StretchSlopes:
     """Update derivatives with few worlds: only each reading's main derivative in every group.
 
     The others keep their values from a point near by. One-sided where nothing can touch.
@@ -47,7 +49,7 @@ def refresh(loop: OpenLoop, where: Where, slopes: StretchSlopes, groups: Groups)
     delta, num = _deltas(loop, where.unit), len(loop.fitted)
     here, there, others = _changed(loop, where, delta, groups.number, one_sided=True)
     derived = np.concatenate([slopes.by_parameter, slopes.by_start], 1).swapaxes(0, 1)  # (U, W, …)
-    is_main = np.zeros((len(delta), loop.num_readings), bool)  # (U, D)
+    is_main = np.zeros((len(delta), loop.measured.num_readings), bool)  # (U, D)
     anew = np.flatnonzero(groups.number >= 0)
     number = groups.number[anew]
     is_main[anew] = groups.owner[number] == anew[:, None]
@@ -63,14 +65,14 @@ def refresh(loop: OpenLoop, where: Where, slopes: StretchSlopes, groups: Groups)
     return StretchSlopes(here, new[:, :num], new[:, num:])
 
 
-def _deltas(loop: OpenLoop, unit: np.ndarray) -> np.ndarray:
+def _deltas(loop: OpenLoopReplay, unit: np.ndarray) -> np.ndarray:
     """(U,) step of each unknown; of a bounded one, inward."""
     of_parameters = np.where(unit[loop.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
-    return np.concatenate([of_parameters, np.full(len(loop.start_tangents), _STATE_DELTA)])
+    return np.concatenate([of_parameters, np.full(len(loop.measured.start_tangents), _STATE_DELTA)])
 
 
 def _changed(
-    loop: OpenLoop, where: Where, delta: np.ndarray, number: np.ndarray, one_sided: bool
+    loop: OpenLoopReplay, where: Where, delta: np.ndarray, number: np.ndarray, one_sided: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Predictions, and their changes when all unknowns with the same group `number` change at once.
 
@@ -83,8 +85,8 @@ def _changed(
     (chosen,) = np.nonzero(number >= 0)
     parameters, starts = chosen[chosen < num_fitted], chosen[chosen >= num_fitted]
     np.add.at(units, (number[parameters], loop.fitted[parameters]), delta[parameters])
-    tangents = np.zeros((num_groups, loop.start_tangents.shape[1]))
-    change = (delta[num_fitted:] * where.start_std)[:, None] * loop.start_tangents
+    tangents = np.zeros((num_groups, loop.measured.start_tangents.shape[1]))
+    change = (delta[num_fitted:] * where.start_std)[:, None] * loop.measured.start_tangents
     np.add.at(tangents, number[starts], change[starts - num_fitted])
     twice = 0 if one_sided and not loop.may_touch else number[:num_fitted].max(initial=-1) + 1
     back = 2 * unit - units[:twice]
@@ -95,7 +97,7 @@ def _changed(
     unmoved = np.zeros((1, tangents.shape[1]))
     tangents = np.concatenate([unmoved, tangents, side * tangents[:twice]])
     spread = np.repeat(tangents[:, None], len(where.states), 1)
-    states = loop.physics.space.move(where.states, spread)
+    states = loop.measured.along(where.states, spread)
     predicted, _ = loop.play(where.stretches, states, units)
     here, there, beyond = np.split(predicted, [1, 1 + num_groups])
     others = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:twice])

@@ -13,7 +13,7 @@ from scipy.ndimage import maximum_filter1d
 
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
-from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.stretches import Readings, filled, parabolas
 from simtune.fit.readings.whole_episodes import begin_whole
 from simtune.normal import MAD_TO_STD
@@ -32,13 +32,13 @@ _ROUNDS = 3  # in which offsets and initial states are found in turn
 class JointMotion:
     """Finds the states of all joints but those of loose objects."""
 
-    loop: OpenLoop
+    loop: OpenLoopReplay
     finds_offset: np.ndarray  # (D,) bool, of the readings
 
     @property
     def is_known(self) -> np.ndarray:
         """(2 nv,) bool: which tangents of a state are known."""
-        return ~np.tile(self.loop.is_loose, 2)
+        return ~np.tile(self.loop.measured.is_loose, 2)
 
     def find(
         self, observed: Observed, states: np.ndarray, parameters: np.ndarray
@@ -57,7 +57,7 @@ class JointMotion:
             offsets = np.where(self.finds_offset, missed, 0.0)
         replayed, predicted = self._replay(readings, unit, offsets)
         left = smoothed(filled(values - offsets - predicted))
-        return self._with_objects(self.loop.corrected(replayed, *left), states), offsets
+        return self._with_objects(self.loop.measured.corrected(replayed, *left), states), offsets
 
     def _replay(
         self, readings: Readings, unit: np.ndarray, offsets: np.ndarray
@@ -70,7 +70,8 @@ class JointMotion:
         return physics.states(full_states), seen
 
     def _with_objects(self, robot: np.ndarray, objects: np.ndarray) -> np.ndarray:
-        is_object = np.concatenate([self.loop.is_loose_position, self.loop.is_loose])
+        measured = self.loop.measured
+        is_object = np.concatenate([measured.is_loose_position, measured.is_loose])
         return np.where(is_object, objects, robot)
 
 
@@ -112,7 +113,7 @@ def keep_moved_keypoints(
     return replace(observed, evidence=kept)
 
 
-def left_open(loop: OpenLoop, keypoints: Keypoints, parameters: np.ndarray) -> np.ndarray:
+def left_open(loop: OpenLoopReplay, keypoints: Keypoints, parameters: np.ndarray) -> np.ndarray:
     """(L,) bool: keypoints of what readings leave open, in a world of (N,) parameters.
 
     Those are of loose objects. They are all keypoints if anything else is not read, or if a
@@ -120,7 +121,7 @@ def left_open(loop: OpenLoop, keypoints: Keypoints, parameters: np.ndarray) -> n
     better.
     """
     simulator, all_of_them = loop.physics.simulator, np.ones(len(keypoints), bool)
-    if loop.unseen or not loop.knows_all_but_objects:
+    if loop.unseen or not loop.measured.knows_all_but_objects:
         return all_of_them
     rng, worlds = np.random.default_rng(0), np.repeat(parameters[None], _BEGUN, 0)
     begun = simulator.begin(worlds, rng).states[:, 0]
@@ -129,7 +130,8 @@ def left_open(loop: OpenLoop, keypoints: Keypoints, parameters: np.ndarray) -> n
     if _by_parameters(physics, states, unit, loop.fitted).max(initial=0) > _STILL_PX:
         return all_of_them
     model = simulator.model
-    of_loose = np.isin(model.body_rootid[model.geom_bodyid], model.dof_bodyid[loop.is_loose])
+    loose = model.dof_bodyid[loop.measured.is_loose]
+    of_loose = np.isin(model.body_rootid[model.geom_bodyid], loose)
     return of_loose[keypoints.geoms]
 
 

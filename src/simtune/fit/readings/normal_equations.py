@@ -20,8 +20,8 @@ def by_shared(
 
         dr/d(θ, b) = ∂r/∂(θ, b) + ∂r/∂x · dx̄/d(θ, b)
 
-    `finds_offset`: (D,) bool; `starts_by_shared`: (W, P + offsets, S), see `OpenLoop`, in units of
-    the start's prior std.
+    `finds_offset`: (D,) bool; `starts_by_shared`: (W, P + offsets, S), see `OpenLoopReplay`, in
+    units of the start's prior std.
     """
     shape, offsets = slopes.predicted.shape, np.eye(len(finds_offset))[finds_offset, None]
     by_offset = np.broadcast_to(offsets, (shape[0], len(offsets), *shape[1:]))

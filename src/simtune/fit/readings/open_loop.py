@@ -4,7 +4,7 @@ Only readings are used, never pictures. An episode may be cut into stretches wit
 each: a short stretch is nearly linear in the unknowns, the whole episode is what counts in the end.
 """
 
-from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -12,77 +12,49 @@ import numpy as np
 from simtune.fit.lateness import Lateness
 from simtune.fit.motion.windows import evenly
 from simtune.fit.physics import Physics
+from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.parts import parts_to_play
-from simtune.fit.readings.stretches import Readings, Stretches, filled, is_within, velocities
-from simtune.fit.readings.tied_joints import follow_measured
+from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
-from simtune.parameters.backlash import play_of
 from simtune.simulation import AnySimulator, Simulator
-from simtune.simulation.loose_objects import loose_joints, loose_places, passive_joints
+from simtune.simulation.loose_objects import loose_places
 
-_VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
 _FAR_AWAY = 1e3  # in units of the model's extent
 
 
-class OpenLoop:
-    """Plays stretches in worlds of one simulator."""
+@dataclass(frozen=True)
+class OpenLoopReplay:
+    """Plays stretches of recordings in worlds of one simulator."""
 
-    def __init__(
-        self,
-        physics: Physics,
-        sensors: Sequence[JointSensor],
-        fitted: np.ndarray,
-        unseen: tuple[str, ...] = (),
-        lateness: Lateness | None = None,
-    ):
-        """`fitted`: (P,) indices of the parameters to differentiate by; `unseen`: see `of`.
-
-        With `lateness` of the readings one more coordinate follows the parameters.
-        """
-        self.physics, self.sensors, self.fitted = physics, tuple(sensors), fitted
-        self.unseen, self.lateness = unseen, lateness
-        ends = np.cumsum([0, *(sensor.size for sensor in sensors)]).tolist()
-        self.num_readings = ends[-1]  # D
-        # Each sensor with its columns of the readings
-        self._columns = list(zip(self.sensors, map(slice, ends, ends[1:]), strict=True))
-        # (S, nq + nv) directions of an initial state: each measured position, then its velocity
-        places, space = measured_places(sensors), physics.space
-        tangents = np.zeros((2 * len(places), space.num_tangent))
-        model, self._places = physics.simulator.model, np.array(places, int)
-        no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value
-        self.may_touch = not model.opt.disableflags & no_contacts  # whether contacts are possible
-        self._dofs = np.array(
-            [model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places], int
-        )
-        for i, dof in enumerate(self._dofs):
-            tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
-        self.start_tangents = tangents
-        # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
-        self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
-        for joint in loose_joints(model):
-            place, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
-            self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
+    measured: MeasuredStates
+    fitted: np.ndarray  # (P,) indices of the parameters to differentiate by
+    unseen: tuple[str, ...] = ()  # joints that begin anywhere and that no sensor measures
+    # Of the readings; with it, one more coordinate follows the parameters
+    lateness: Lateness | None = None
 
     @property
-    def knows_all_but_objects(self) -> bool:
-        """Whether readings, and what is driven, determine all states but loose objects'.
+    def physics(self) -> Physics:
+        return self.measured.physics
 
-        Not those of a door or a lid: whatever touches it moves it, and only pictures show that.
-        """
-        model = self.physics.simulator.model
-        measured = model.dof_jntid[self._dofs].tolist()
-        known = [*measured, *(play_of(model, joint) for joint in measured)]
-        return bool(self.is_loose.any() and np.isin(passive_joints(model), known).all())
+    @property
+    def sensors(self) -> tuple[JointSensor, ...]:
+        return self.measured.sensors
+
+    @property
+    def may_touch(self) -> bool:
+        """Whether contacts are possible."""
+        no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value
+        return not self.physics.simulator.model.opt.disableflags & no_contacts
 
     @classmethod
     def of(
         cls, simulator: AnySimulator, observation: ObservationModel, start: np.ndarray
-    ) -> "OpenLoop":
+    ) -> "OpenLoopReplay":
         """Replays readings in a simulator; `start`: (N,) parameters of an initial world.
 
         Positions that no sensor measures begin as in a simulated episode of that world; but objects
         that begin anywhere are put where nothing touches them. Derivatives are by parameters that
-        affect motion. `unseen`: joints that begin anywhere and that no sensor measures.
+        affect motion.
         """
         assert isinstance(simulator, Simulator), "sensors measure a model's joints"
         still, rng = np.zeros((2, 1, simulator.num_actions)), np.random.default_rng(0)
@@ -96,84 +68,19 @@ class OpenLoop:
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
         physics = Physics(simulator, observation.observe_beside(), full_state)
         unseen = _unseen(simulator.model, differs, measured_places(sensors))
-        return cls(physics, sensors, np.flatnonzero(~simulator.space.is_appearance), unseen)
+        fitted = np.flatnonzero(~simulator.space.is_appearance)
+        return cls(MeasuredStates(physics, sensors), fitted, unseen)
 
-    def by_starts_alone(self) -> "OpenLoop":
+    def by_starts_alone(self) -> "OpenLoopReplay":
         """The same with derivatives by initial states only."""
-        return OpenLoop(self.physics, self.sensors, self.fitted[:0], self.unseen, self.lateness)
+        return replace(self, fitted=self.fitted[:0])
 
-    def with_lateness(self) -> "OpenLoop":
+    def with_lateness(self) -> "OpenLoopReplay":
         """The same with the lateness of readings as one more unknown, the last."""
-        lateness = Lateness.of_readings(self.num_readings, self.physics.simulator.num_substeps)
+        substeps = self.physics.simulator.num_substeps
+        lateness = Lateness.of_readings(self.measured.num_readings, substeps)
         fitted = np.append(self.fitted, len(self.physics.parameters))
-        return OpenLoop(self.physics, self.sensors, fitted, self.unseen, lateness)
-
-    def moved(self, states: np.ndarray, shift: np.ndarray, start_std: np.ndarray) -> np.ndarray:
-        """(W, nq + nv) initial states, moved by `shift` (W, S) times `start_std` (S,)."""
-        return self.physics.space.move(states, (shift * start_std) @ self.start_tangents)
-
-    def start_std(self, noise: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """(S,) prior std of an initial state, for (W, K + 1, D) readings with noise (D,).
-
-        A jerking servo turns faster within a step than the parabola through its readings says.
-        """
-        std, bends = np.zeros((2, len(self._places)))
-        # Before the first reading and after the last, such as in a padded episode, nothing moves
-        known = is_within(values)[:, 2:] & is_within(values)[:, :-2]
-        bent = np.square(np.diff(filled(values), 2, axis=1)) * known
-        bend = np.sqrt(bent.sum((0, 1)) / np.maximum(known.sum((0, 1)), 1))
-        for sensor, columns in self._columns:
-            if not sensor.is_velocity:
-                places = np.searchsorted(self._places, sensor.places)
-                std[places], bends[places] = noise[columns], bend[columns]
-        step_s = self.physics.simulator.step_s
-        return np.concatenate([std, np.hypot(_VELOCITY_ERROR * std, bends) / step_s])
-
-    def _as_read(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-        """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,).
-
-        Unmeasured positions are those that the model ties to measured ones, or else those at the
-        start of a simulated episode.
-        """
-        states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
-        read, nq = filled(values) - offsets, self.physics.space.nq
-        step_s = self.physics.simulator.step_s
-        # Measured velocities last: they take precedence over differentiated positions
-        for sensor, columns in sorted(self._columns, key=lambda part: part[0].is_velocity):
-            joint_values = read[..., columns]
-            if sensor.is_velocity:
-                states[..., nq + sensor.places] = joint_values
-                continue
-            states[..., sensor.places] = joint_values
-            states[..., self._velocities_of(sensor)] = velocities(joint_values) / step_s
-        follow_measured(self.physics.simulator.model, states, self._places)
-        return states
-
-    def _velocities_of(self, sensor: JointSensor) -> np.ndarray:
-        """(J,) indices, in a state, of the velocities of the positions that a sensor reads."""
-        dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
-        return self.physics.space.nq + dofs
-
-    def corrected(self, states: np.ndarray, change: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """(E, T + 1, nq + nv) states with measured positions changed by `change`, (E, T + 1, D).
-
-        `rate`: (E, T + 1, D), by how much that changes per step, which corrects velocities.
-        """
-        states, step_s = states.copy(), self.physics.simulator.step_s
-        for sensor, columns in self._columns:
-            if not sensor.is_velocity:
-                states[..., sensor.places] += change[..., columns]
-                states[..., self._velocities_of(sensor)] += rate[..., columns] / step_s
-        return states
-
-    def _per_step(self, states: np.ndarray) -> np.ndarray:
-        """(E, T + 1, 2 nv) change of states per step of lateness of the readings.
-
-        Extrapolated from (E, T + 1, nq + nv) states as read.
-        """
-        velocities = states[..., self.physics.space.nq :]
-        moved = self.physics.simulator.step_s * velocities
-        return np.concatenate([moved, np.gradient(velocities, axis=1)], -1)
+        return replace(self, fitted=fitted, lateness=lateness)
 
     def starts_by_shared(self, stretches: Stretches, finds_offset: np.ndarray) -> np.ndarray:
         """(W, P + offsets, S) derivatives of initial states x̄ that readings give.
@@ -181,26 +88,20 @@ class OpenLoop:
         By parameters, of which only a lateness matters, and by the offsets of `finds_offset`, (D,)
         bool: x̄ is what was read less the offset.
         """
-        num, num_places = len(self.fitted), len(self._places)
-        by_offset = np.zeros((self.num_readings, 2 * num_places))
-        for sensor, columns in self._columns:
-            if not sensor.is_velocity:
-                places = np.searchsorted(self._places, sensor.places)
-                by_offset[:, places] = 0.0  # of two sensors of a joint, the last one counts
-                by_offset[np.arange(columns.start, columns.stop), places] = -1.0
-        derived = np.zeros((len(stretches.states), num + finds_offset.sum(), 2 * num_places))
-        derived[:, num:] = by_offset[finds_offset]
+        num, by_offset = len(self.fitted), self.measured.starts_by_offset()[finds_offset]
+        derived = np.zeros((len(stretches.states), num + len(by_offset), by_offset.shape[1]))
+        derived[:, num:] = by_offset
         if stretches.drift is not None:  # the lateness is the last of the parameters
-            derived[:, num - 1] = stretches.drift @ self.start_tangents.T
+            derived[:, num - 1] = stretches.drift @ self.measured.start_tangents.T
         return derived
 
     def cut(
         self, readings: Readings, unit: np.ndarray, offsets: np.ndarray, steps: int, at_most: int
     ) -> Stretches:
         """At most `at_most` stretches of `steps` steps, spread evenly; `unit`: (N,)."""
-        states, drift = self._as_read(readings.values, offsets), None
+        states, drift = self.measured.as_read(readings.values, offsets), None
         if self.lateness is not None:
-            by_step = self._per_step(states)
+            by_step = self.measured.change_per_late_step(states)
             states = self.physics.space.move(states, Lateness.steps(unit[-1]) * by_step)
             drift = Lateness.steps_per_unit() * by_step
         left = self.physics.replay_actuators(readings.actions, states, self._parameters(unit))

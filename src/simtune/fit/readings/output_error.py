@@ -27,7 +27,7 @@ from simtune.fit.elimination import NormalEquations
 from simtune.fit.lateness import Lateness
 from simtune.fit.readings.differences import differentiate, refresh
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
-from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.replay_cost import Guess, Point, ReplayCost
 from simtune.fit.readings.residuals import correlation_times, spread
 from simtune.fit.readings.slopes import Groups, StretchSlopes
@@ -92,7 +92,7 @@ class OutputErrorFit:
 class OutputError:
     """Fits one simulator to readings."""
 
-    def __init__(self, loop: OpenLoop, finds_offset: np.ndarray, prior: np.ndarray):
+    def __init__(self, loop: OpenLoopReplay, finds_offset: np.ndarray, prior: np.ndarray):
         """`finds_offset`: (D,) bool; `prior`: (N,) first guess, in unit coordinates."""
         self._loop, self._finds_offset, self.prior = loop, finds_offset, prior
         self.sensors, self.has_lateness = loop.sensors, loop.lateness is not None
@@ -115,7 +115,10 @@ class OutputError:
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         derived_s = self.num_worlds * (time.monotonic() - began_s)
         noise = spread(played[0] + begin.offsets - stretches.values)
-        start_std = near.objective.start_std if near else loop.start_std(noise, stretches.values)
+        if near:
+            start_std = near.objective.start_std
+        else:
+            start_std = loop.measured.start_std(noise, stretches.values)
         objective = ReplayCost(loop, stretches, begin, start_std, self._finds_offset, self.prior)
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
         return self._go_on(begun, stage.iterations, budget, derived_s if near is None else 0.0)
@@ -124,7 +127,7 @@ class OutputError:
     def num_worlds(self) -> int:
         """How many are played for all derivatives."""
         num = len(self._loop.fitted)
-        return 1 + num * (1 + self._loop.may_touch) + len(self._loop.start_tangents)
+        return 1 + num * (1 + self._loop.may_touch) + len(self._loop.measured.start_tangents)
 
     def _go_on(
         self, descent: Descent, iterations: int, budget: Budget, takes_s: float = 0.0

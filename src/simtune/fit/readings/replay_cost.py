@@ -11,7 +11,7 @@ from simtune.fit.combine import step_within_bounds
 from simtune.fit.elimination import NormalEquations
 from simtune.fit.readings.differences import Where
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
-from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.residuals import HUBER
 from simtune.fit.readings.slopes import StretchSlopes
 from simtune.fit.readings.stretches import Stretches
@@ -45,7 +45,7 @@ class ReplayCost:
     offsets and lateness.
     """
 
-    loop: OpenLoop
+    loop: OpenLoopReplay
     stretches: Stretches
     cut_at: Guess  # with whose offsets and lateness the stretches' states were read
     start_std: np.ndarray  # (S,) prior std of an initial state
@@ -126,4 +126,4 @@ class ReplayCost:
         moved = (unit - self.cut_at.unit)[self.loop.fitted]
         moved = np.append(moved, (offsets - self.cut_at.offsets)[self.finds_offset])
         given = np.einsum("wps,p->ws", self._by_shared, moved)
-        return self.loop.moved(self.stretches.states, given + shift, self.start_std)
+        return self.loop.measured.moved(self.stretches.states, given + shift, self.start_std)

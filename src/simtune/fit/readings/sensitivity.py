@@ -7,8 +7,9 @@ import numpy as np
 from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
 from simtune.fit.readings.differences import Where, differentiate
+from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
-from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import (
     ObservationModel,
@@ -78,7 +79,8 @@ class ReplayedReadings:
         if not len(played):
             raise RuntimeError("every episode diverged; check the timestep and the actions")
         physics = Physics(simulator, observe, played.states[0, 0])
-        self._loop = OpenLoop(physics, joints_of(observation.sensors), np.arange(len(nominal)))
+        measured = MeasuredStates(physics, joints_of(observation.sensors))
+        self._loop = OpenLoopReplay(measured, np.arange(len(nominal)))
         self._unit = simulator.space.to_unit(nominal)
         if readings is None:
             starts = played.states[:, 0]
@@ -117,7 +119,7 @@ class ReplayedReadings:
         loop, unit, num = self._loop, self._unit, len(self._unit)
         if self._may_be_late:  # as in a fit
             loop, unit = loop.with_lateness(), np.append(unit, Lateness.unit(0.0))
-        start_std = loop.start_std(usual_noise(loop.sensors), stretches.values)
+        start_std = loop.measured.start_std(usual_noise(loop.sensors), stretches.values)
         where = Where(stretches, stretches.states, unit, start_std)
         slopes = differentiate(loop, where)
         nothing_left = 0 * stretches.values  # NaN where nothing was read

@@ -17,7 +17,6 @@ def follow_measured(model: mujoco.MjModel, states: np.ndarray, places: np.ndarra
         y = a₀ + a₁ x + a₂ x² + a₃ x³ + a₄ x⁴
 
     It is used to find x from y only where it is linear. Chains of ties are followed in their order.
-    Derivatives by initial states do without: the constraint moves a tied joint within a step.
     """
     measured = set(places.tolist())
     for tie in np.flatnonzero(model.eq_active0 & (model.eq_type == _JOINTS)):

@@ -4,7 +4,7 @@ import numpy as np
 
 from simtune.fit.readings.differences import Where, differentiate
 from simtune.fit.readings.normal_equations import normal_equations
-from simtune.fit.readings.open_loop import OpenLoop
+from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import usual_noise
 
@@ -12,7 +12,7 @@ _FIRST, _ITERATIONS = 5, 3  # steps used for the initial state
 
 
 def replay_whole(
-    loop: OpenLoop, readings: Readings, unit: np.ndarray, offsets: np.ndarray
+    loop: OpenLoopReplay, readings: Readings, unit: np.ndarray, offsets: np.ndarray
 ) -> np.ndarray:
     """(E, T + 1, D) predictions of (N,) parameters in unit coordinates for whole episodes.
 
@@ -25,7 +25,7 @@ def replay_whole(
 
 
 def begin_whole(
-    loop: OpenLoop, readings: Readings, unit: np.ndarray, offsets: np.ndarray
+    loop: OpenLoopReplay, readings: Readings, unit: np.ndarray, offsets: np.ndarray
 ) -> tuple[Stretches, np.ndarray]:
     """Whole episodes, and their (E, nq + nv) initial states.
 
@@ -34,7 +34,7 @@ def begin_whole(
     whole = loop.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
     loop = loop.by_starts_alone()
     first, noise = whole.first(_FIRST), usual_noise(loop.sensors)
-    start_std, states = loop.start_std(noise, first.values), first.states
+    start_std, states = loop.measured.start_std(noise, first.values), first.states
     if not len(start_std):  # only velocities are read
         return whole, states
     shift = np.zeros((len(states), len(start_std)))
@@ -44,5 +44,5 @@ def begin_whole(
         equations = normal_equations(slopes.by_start, slopes.by_parameter, residuals, noise, shift)
         step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
         shift = shift - step
-        states = loop.moved(first.states, shift, start_std)
+        states = loop.measured.moved(first.states, shift, start_std)
     return whole, states

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from simtune.simulation.delays import count_substeps
+from simtune.simulation import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import MOST_STEPS, Task
 from simtune.tasks.tuning_file.actions import read_actions, read_columns
@@ -44,18 +44,7 @@ def read_task(file: TomlTable) -> Task | EnvironmentTask:
     control_timestep_s = file.number("control_timestep_s", above=0)
     action_repeat = file.whole("action_repeat", 1)
     step_s = control_timestep_s * action_repeat
-    if (count := count_substeps(step_s, model.opt.timestep)) > _MOST_SUBSTEPS:
-        raise file.error(
-            f"an action would last {step_s:g} s, {count} physics steps of "
-            f"{model.opt.timestep:g} s; expected at most {_MOST_SUBSTEPS}; is it in seconds?",
-            "control_timestep_s",
-        )
-    if step_s < model.opt.timestep / _MOST_FINER:
-        raise file.error(
-            f"an action would last {step_s:g} s, much less than a physics step of "
-            f"{model.opt.timestep:g} s; is it in seconds?",
-            "control_timestep_s",
-        )
+    _check_step(file, step_s, model.opt.timestep)
     episode_steps = file.whole("episode_steps", 200, most=MOST_STEPS)
     actions = file.table("actions")
     map_actions = read_actions(actions, model)
@@ -77,3 +66,19 @@ def read_task(file: TomlTable) -> Task | EnvironmentTask:
         action_columns=read_columns(actions, map_actions, model),
         **read_policy(file.table("policy"), model, episode_steps),
     )
+
+
+def _check_step(file: TomlTable, step_s: float, timestep_s: float) -> None:
+    """Raises InputError for an action that lasts far longer or less than a physics step."""
+    if (count := count_substeps(step_s, timestep_s)) > _MOST_SUBSTEPS:
+        raise file.error(
+            f"an action would last {step_s:g} s, {count} physics steps of "
+            f"{timestep_s:g} s; expected at most {_MOST_SUBSTEPS}; is it in seconds?",
+            "control_timestep_s",
+        )
+    if step_s < timestep_s / _MOST_FINER:
+        raise file.error(
+            f"an action would last {step_s:g} s, much less than a physics step of "
+            f"{timestep_s:g} s; is it in seconds?",
+            "control_timestep_s",
+        )

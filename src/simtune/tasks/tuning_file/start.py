@@ -8,6 +8,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError
+from simtune.simulation.held_controls import HeldControls
 
 _MAX_ATTEMPTS = 300
 _POS = mujoco.mjtStage.mjSTAGE_POS.value
@@ -51,8 +52,10 @@ class Start:
 
     def _draw_positions(self, batch: Batch, rng: np.random.Generator) -> None:
         num_contacts, pose = batch.bind("ncon"), batch.qpos.copy()
+        held = HeldControls(batch.model)
+        held.holding(batch)  # binds what it reads
         batch.forward(stage=_POS)
-        allowed, ids = num_contacts.copy(), np.arange(batch.nsim)
+        allowed, ids, before = num_contacts.copy(), np.arange(batch.nsim), held.holding(batch)
         for _ in range(_MAX_ATTEMPTS):
             for spread in self.positions:
                 batch.qpos[ids, spread.index] = rng.uniform(spread.low, spread.high, len(ids))
@@ -63,6 +66,7 @@ class Start:
             batch.forward(ids, stage=_POS)
             ids = ids[num_contacts[ids] > allowed[ids]]
             if self.may_touch or not ids.size:
+                held.follow(batch, before)
                 return
         raise InputError(
             f"{self.where}: in each of {_MAX_ATTEMPTS} starts drawn, things touch that do not in "

@@ -1,0 +1,120 @@
+"""What a training has beside its search: environments, the agent, its replay."""
+
+import math
+
+from simtune.agents import Agent, AgentSpec
+from simtune.config import TrainConfig
+from simtune.experiment.presets import choose_agent, choose_range
+from simtune.experiment.problem import TuningProblem
+from simtune.experiment.rollout import Environment
+from simtune.experiment.schedule import Schedule
+from simtune.experiment.settings import Settings
+from simtune.randomization import Distribution
+from simtune.real.gap import RealityGap
+from simtune.replay import Replay
+from simtune.simulation import Simulator
+from simtune.tasks import Task
+from simtune.tuning import FixedRange
+from simtune.tuning.readings_fits import most_delayed
+from simtune.vision.keypoints import Keypoints
+
+_ROUNDED = 1e-6  # steps
+
+
+def environments_of(
+    config: TrainConfig, schedule: Schedule, task: Task, problem: TuningProblem
+) -> tuple[Environment, Environment]:
+    """Where the policy learns, and where it is scored: with the reality gap, if there is one."""
+    assert isinstance(problem.simulator, Simulator), "load_task gives models' only"
+    assert isinstance(problem.keypoints, Keypoints)
+    most_late, seen = _most_late(problem), problem.real.observation
+    environment = Environment(
+        task,
+        problem.simulator,
+        schedule.num_stacked,
+        problem.keypoints,
+        most_late=most_late,
+        observation=seen,
+    )
+    gap = RealityGap.of(config, schedule.image_size)
+    if not gap:
+        return environment, environment
+    simulator = gap.simulator(task, seen.views())
+    scored_in = Environment(task, simulator, schedule.num_stacked, gap=gap, most_late=most_late)
+    return environment, scored_in
+
+
+def _most_late(problem: TuningProblem) -> int:
+    """Steps by which actions may be late: by a parameter, or as a search may find them to be.
+
+    And by what a camera declares.
+    """
+    seen, step_s, space = problem.real.observation, problem.simulator.step_s, problem.space
+    declared = math.ceil(declared_late_s(problem) / step_s - _ROUNDED)
+    if space.is_delay.any():
+        return declared + math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
+    if not seen.max_latency_steps:
+        return declared
+    by_readings = most_delayed(step_s) if seen.sensors else 0
+    return declared + by_readings + seen.max_latency_steps
+
+
+def declared_late_s(problem: TuningProblem) -> float:
+    """Seconds by which pictures come late to a policy, as the camera's `latency_s` says.
+
+    A pseudo-real world has no such camera: its pictures are in time, and a policy that was trained
+    for late ones would be scored in another world.
+    """
+    if problem.config.real == "pseudo":
+        return 0.0
+    return sum(camera.footage.latency_s for camera in problem.real.observation.cameras)
+
+
+def fixed_range_of(config: TrainConfig, problem: TuningProblem) -> FixedRange:
+    """The range of a method without a search."""
+    mean = problem.start
+    if config.method == "oracle":
+        assert problem.truth is not None, "checked"
+        mean = problem.truth.for_oracle()
+    return FixedRange(Distribution.proportional(problem.space, mean, choose_range(config)))
+
+
+def agent_of(
+    config: TrainConfig,
+    settings: Settings,
+    schedule: Schedule,
+    environment: Environment,
+    problem: TuningProblem,
+    device: str,
+) -> Agent:
+    assert environment.keypoints is not None, "given above"
+    spec = AgentSpec(
+        image_size=schedule.image_size,
+        num_stacked=schedule.num_stacked,
+        num_keypoints=len(environment.keypoints),
+        num_states=environment.num_states,
+        num_positions=environment.num_positions,
+        num_actions=environment.simulator.num_actions,
+        most_late=environment.most_late,
+        image_noise=problem.real.observation.image_noise,
+        privileged=~environment.task.parameters.is_appearance,
+        total_steps=schedule.total_steps,
+        first_tried=schedule.first_tried,
+        round_steps=schedule.num_worlds * environment.task.episode_steps,
+        seed=config.seed,
+        device=device,
+    )
+    return settings.make_agent(choose_agent(config), spec)
+
+
+def replay_of(schedule: Schedule, task: Task, device: str) -> Replay:
+    """Room for all episodes, but only for the latest frames."""
+    num_episodes = -(-schedule.total_steps // task.episode_steps)
+    num_filmed = -(-schedule.filmed_steps // task.episode_steps)
+    return Replay(
+        task.parameters,
+        filmed_capacity=min(num_filmed, num_episodes),
+        unfilmed_capacity=num_episodes,
+        num_stacked=schedule.num_stacked,
+        device=device,
+    )

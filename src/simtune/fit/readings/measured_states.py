@@ -1,0 +1,138 @@
+"""What joint readings say of a simulator's states."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simtune.fit.physics import Physics
+from simtune.fit.readings.stretches import filled, is_within, velocities
+from simtune.fit.readings.tied_joints import follow_measured
+from simtune.observation import JointSensor, measured_places
+from simtune.parameters.backlash import play_of
+from simtune.simulation.loose_objects import loose_joints, passive_joints
+
+_VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
+
+
+class MeasuredStates:
+    """States as joint sensors read them: which parts, how well, and how they change."""
+
+    def __init__(self, physics: Physics, sensors: Sequence[JointSensor]):
+        self.physics, self.sensors = physics, tuple(sensors)
+        ends = np.cumsum([0, *(sensor.size for sensor in sensors)]).tolist()
+        self.num_readings = ends[-1]  # D
+        # Each sensor with its columns of the readings
+        self._columns = list(zip(self.sensors, map(slice, ends, ends[1:]), strict=True))
+        # (S, nq + nv) directions of an initial state: each measured position, then its velocity
+        places, space = measured_places(sensors), physics.space
+        tangents = np.zeros((2 * len(places), space.num_tangent))
+        model, self._places = physics.simulator.model, np.array(places, int)
+        self._dofs = np.array(
+            [model.jnt_dofadr[list(model.jnt_qposadr).index(p)] for p in places], int
+        )
+        for i, dof in enumerate(self._dofs):
+            tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
+        self.start_tangents = tangents
+        # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
+        self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
+        for joint in loose_joints(model):
+            place, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+            self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
+
+    @property
+    def knows_all_but_objects(self) -> bool:
+        """Whether readings, and what is driven, determine all states but loose objects'.
+
+        Not those of a door or a lid: whatever touches it moves it, and only pictures show that.
+        """
+        model = self.physics.simulator.model
+        measured = model.dof_jntid[self._dofs].tolist()
+        known = [*measured, *(play_of(model, joint) for joint in measured)]
+        return bool(self.is_loose.any() and np.isin(passive_joints(model), known).all())
+
+    def as_read(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,).
+
+        Unmeasured positions are those that the model ties to measured ones, or else those at the
+        start of a simulated episode.
+        """
+        states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
+        read, nq = filled(values) - offsets, self.physics.space.nq
+        step_s = self.physics.simulator.step_s
+        # Measured velocities last: they take precedence over differentiated positions
+        for sensor, columns in sorted(self._columns, key=lambda part: part[0].is_velocity):
+            joint_values = read[..., columns]
+            if sensor.is_velocity:
+                states[..., nq + sensor.places] = joint_values
+                continue
+            states[..., sensor.places] = joint_values
+            states[..., self._velocities_of(sensor)] = velocities(joint_values) / step_s
+        follow_measured(self.physics.simulator.model, states, self._places)
+        return states
+
+    def change_per_late_step(self, states: np.ndarray) -> np.ndarray:
+        """(E, T + 1, 2 nv) change of states per step of lateness of the readings.
+
+        Extrapolated from (E, T + 1, nq + nv) states as read.
+        """
+        velocities = states[..., self.physics.space.nq :]
+        moved = self.physics.simulator.step_s * velocities
+        return np.concatenate([moved, np.gradient(velocities, axis=1)], -1)
+
+    def corrected(self, states: np.ndarray, change: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """(E, T + 1, nq + nv) states with measured positions changed by `change`, (E, T + 1, D).
+
+        `rate`: (E, T + 1, D), by how much that changes per step, which corrects velocities.
+        """
+        states, step_s = states.copy(), self.physics.simulator.step_s
+        for sensor, columns in self._columns:
+            if not sensor.is_velocity:
+                states[..., sensor.places] += change[..., columns]
+                states[..., self._velocities_of(sensor)] += rate[..., columns] / step_s
+        follow_measured(self.physics.simulator.model, states, self._places)
+        return states
+
+    def moved(self, states: np.ndarray, shift: np.ndarray, start_std: np.ndarray) -> np.ndarray:
+        """(W, nq + nv) initial states, moved by `shift` (W, S) times `start_std` (S,)."""
+        return self.along(states, (shift * start_std) @ self.start_tangents)
+
+    def along(self, states: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+        """(..., nq + nv) states moved by (..., 2 nv), with joints that are tied to measured ones.
+
+        Else a tie would pull both to a place between.
+        """
+        moved = self.physics.space.move(states, tangents)
+        follow_measured(self.physics.simulator.model, moved, self._places)
+        return moved
+
+    def start_std(self, noise: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """(S,) prior std of an initial state, for (W, K + 1, D) readings with noise (D,).
+
+        A jerking servo turns faster within a step than the parabola through its readings says.
+        """
+        std, bends = np.zeros((2, len(self._places)))
+        # Before the first reading and after the last, such as in a padded episode, nothing moves
+        known = is_within(values)[:, 2:] & is_within(values)[:, :-2]
+        bent = np.square(np.diff(filled(values), 2, axis=1)) * known
+        bend = np.sqrt(bent.sum((0, 1)) / np.maximum(known.sum((0, 1)), 1))
+        for sensor, columns in self._columns:
+            if not sensor.is_velocity:
+                places = np.searchsorted(self._places, sensor.places)
+                std[places], bends[places] = noise[columns], bend[columns]
+        step_s = self.physics.simulator.step_s
+        return np.concatenate([std, np.hypot(_VELOCITY_ERROR * std, bends) / step_s])
+
+    def starts_by_offset(self) -> np.ndarray:
+        """(D, S) derivatives of initial states by readings' offsets: what was read, less these."""
+        by_offset = np.zeros((self.num_readings, len(self.start_tangents)))
+        for sensor, columns in self._columns:
+            if not sensor.is_velocity:
+                places = np.searchsorted(self._places, sensor.places)
+                by_offset[:, places] = 0.0  # of two sensors of a joint, the last one counts
+                by_offset[np.arange(columns.start, columns.stop), places] = -1.0
+        return by_offset
+
+    def _velocities_of(self, sensor: JointSensor) -> np.ndarray:
+        """(J,) indices, in a state, of the velocities of the positions that a sensor reads."""
+        dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
+        return self.physics.space.nq + dofs

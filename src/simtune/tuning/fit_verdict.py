@@ -1,0 +1,68 @@
+"""What a round concludes from a fit and its refits, or from networks alone."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from simtune.fit import (
+    Bootstrap,
+    FitResult,
+    bound_warnings,
+    calibrated,
+    correlated_pairs,
+    has_comparison,
+    held_out_misfit,
+    is_motion_unexplained,
+    model_checks,
+    ranks,
+    to_range_units,
+)
+from simtune.randomization import Distribution
+from simtune.tuning.estimate import Estimate, at_most_weak
+from simtune.tuning.learning import Learned
+from simtune.tuning.range_update import RangeUpdateConfig, blurred, read_curves, with_fit
+from simtune.tuning.search import SearchContext
+
+
+def conclude_by_networks(
+    learned: Learned, context: SearchContext, config: RangeUpdateConfig
+) -> tuple[Estimate, np.ndarray]:
+    """The estimate and its (N, C) curves where nothing can be fitted."""
+    discrepancy = context.observation.discrepancy_std(context.first.space.is_appearance)
+    curves = blurred(learned.prob_higher, discrepancy, learned.searched)
+    return read_curves(curves, learned.searched, context.first, config), curves
+
+
+def conclude(
+    prob_higher: np.ndarray,
+    fit: FitResult,
+    bootstrap: Bootstrap,
+    searched: Distribution,
+    first: Distribution,
+    config: RangeUpdateConfig,
+) -> tuple[Estimate, np.ndarray]:
+    """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
+    space, trusted = searched.space, calibrated(fit, bootstrap, searched.space)
+    mean, std = to_range_units(trusted, searched)
+    curves = with_fit(prob_higher, mean, std, config)
+    read = read_curves(curves, searched, first, config)
+    is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
+    at_bounds = bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
+    # If the model lacks something else, none of its numbers is identified.
+    is_wrong = is_motion_unexplained(fit, bootstrap) or fit.is_too_late
+    is_sound = has_comparison(bootstrap) and not is_wrong
+    doubtful = np.array([not is_sound or name in at_bounds for name in space.names])
+    estimate = replace(
+        read,
+        verdict=at_most_weak(read.verdict, doubtful),
+        correlation=trusted.correlation,
+        correlations=correlated_pairs(trusted.correlation, space),
+        ranks=ranks(bootstrap, space.names),
+        warnings=[*model_checks(fit, bootstrap), *at_bounds.values()],
+        held_out=held_out_misfit(fit, bootstrap),
+        start=fit.starts[0].tolist(),
+        latency_steps=fit.latency_steps,
+        pictures_late_s=(float(fit.late_s[0]), float(fit.late_s[1])),
+        camera_responses=[camera.to_json() for camera in fit.responses] if len(fit.known) else [],
+    )
+    return estimate, curves

@@ -1,0 +1,79 @@
+"""Which objects lie loose, and which joints nothing drives, where a model ties some of them."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from simtune.simulation.loose_objects import loose_joints, passive_joints
+
+SCENE = """
+<mujoco>
+  <worldbody>
+    <site name="hook" pos="0 0 1"/>
+    <body name="left"><joint name="left" type="slide" axis="1 0 0"/><geom size=".01"/></body>
+    <body name="right"><joint name="right" type="slide" axis="-1 0 0"/><geom size=".01"/></body>
+    <body name="thumb"><joint name="thumb"/><geom size=".01"/></body>
+    <body name="lid"><joint name="lid"/><geom size=".01"/></body>
+    <body name="box" pos="1 0 0"><freejoint name="box"/><geom size=".1"/><site name="top"/></body>
+    <body name="ball" pos="2 0 0"><freejoint name="ball"/><geom name="ball" size=".1"/></body>
+  </worldbody>
+  TIES
+  <actuator>DRIVE</actuator>
+</mujoco>"""
+FINGERS = "<equality><joint joint1='right' joint2='left'/></equality>"
+ON_LEFT = "<position name='grip' joint='left' kp='20'/>"
+
+
+def model_with(ties: str, drive: str = ON_LEFT) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(SCENE.replace("TIES", ties).replace("DRIVE", drive))
+
+
+def names(model: mujoco.MjModel, joints: np.ndarray) -> list[str]:
+    return [model.joint(joint).name for joint in joints]
+
+
+@pytest.mark.parametrize(
+    ("ties", "loose"),
+    [
+        ("", ["box", "ball"]),
+        (FINGERS, ["box", "ball"]),
+        ("<tendon><fixed><joint joint='left' coef='1'/></fixed></tendon>", ["box", "ball"]),
+        ("<equality><weld body1='box' body2='left'/></equality>", ["ball"]),
+        ("<equality><weld active='false' body1='box' body2='left'/></equality>", ["box", "ball"]),
+        ("<equality><connect body1='ball' anchor='0 0 0'/></equality>", ["box"]),
+        ("<equality><connect site1='top' site2='hook'/></equality>", ["ball"]),
+        ("<tendon><spatial><site site='hook'/><site site='top'/></spatial></tendon>", ["ball"]),
+        (
+            "<tendon><spatial><site site='hook'/><geom geom='ball'/><site site='hook'/></spatial>"
+            "</tendon>",
+            ["box"],
+        ),
+    ],
+)
+def test_an_object_is_loose_unless_something_ties_it_itself(ties, loose):
+    model = model_with(ties)
+    assert names(model, loose_joints(model)) == loose
+
+
+@pytest.mark.parametrize(
+    ("ties", "drive", "passive"),
+    [
+        ("", ON_LEFT, ["right", "thumb", "lid"]),
+        (FINGERS, ON_LEFT, ["thumb", "lid"]),
+        (
+            "<equality><joint joint1='thumb' joint2='right'/>"
+            "<joint joint1='right' joint2='left'/></equality>",
+            ON_LEFT,
+            ["lid"],
+        ),
+        (
+            "<tendon><fixed name='both'><joint joint='left' coef='.5'/>"
+            "<joint joint='right' coef='.5'/></fixed></tendon>",
+            "<position name='grip' tendon='both' kp='20'/>",
+            ["thumb", "lid"],
+        ),
+    ],
+)
+def test_a_joint_is_driven_also_by_a_tendon_or_another_joint(ties, drive, passive):
+    model = model_with(ties, drive)
+    assert names(model, passive_joints(model)) == passive
