@@ -20,6 +20,7 @@ from simtune.fit import (
     run_bootstrap,
     too_late_warning,
 )
+from simtune.fit.calibration.bootstrap import believed_std, usual_std
 from simtune.fit.lateness import is_too_late
 from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
@@ -282,6 +283,27 @@ def test_refit_errors_are_in_units_of_the_claimed_std():
     np.testing.assert_allclose(made.errors, (unit - np.array(truths)) / claimed, atol=1e-9)
 
 
+def test_a_claim_smaller_than_usual_is_luck_and_a_larger_one_counts_by_half():
+    known = replace(bootstrap_of(np.zeros((3, 3))), usual_std=np.full(3, 0.02))
+    np.testing.assert_allclose(known.believed(np.array([0.002, 0.02, 0.08])), [0.02, 0.02, 0.04])
+    unknown = replace(known, errors=np.zeros((0, 3)))
+    np.testing.assert_allclose(unknown.believed(np.array([0.002, 0.02, 0.08])), [0.02, 0.02, 0.08])
+
+
+def test_intervals_hold_though_claims_vary_by_chance():
+    rng, off = np.random.default_rng(0), []
+    fit, rough = a_fit(), np.full((3, len(SPACE)), 0.02)
+    for _ in range(400):
+        errors = 0.005 * rng.normal(size=(3, len(SPACE)))
+        claims = 0.005 * np.exp(0.8 * rng.normal(size=errors.shape))
+        usual = usual_std(claims[1:], replace(fit, std=claims[0]), rough)
+        ratios = errors[1:] / believed_std(claims[1:], usual, 2)
+        known = replace(bootstrap_of(ratios), usual_std=usual)
+        off.append(np.abs(errors[0]) / known.believed(claims[0]) / known.inflation())
+    assert 0.9 < (np.array(off)[:, MOVING] < 1.645).mean() < 0.98
+    assert np.quantile(np.array(off)[:, MOVING], 0.98) < 2.4  # 2.9 if small claims count by half
+
+
 def test_intervals_widen_where_reality_fits_worse_than_refits():
     bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
     same = calibrated(a_fit(), bootstrap, SPACE).std
@@ -330,7 +352,7 @@ def test_known_worlds_begin_where_the_real_episodes_did():
         np.testing.assert_array_equal(world.states[:, 0], begun[:3])
 
 
-def test_half_of_what_a_fit_claims_is_what_fits_like_it_usually_claim():
+def test_what_fits_usually_claim_is_the_mean_of_all_of_them_and_of_what_is_expected():
     claims = iter([0.004, 0.02, 0.2])
     replay_fit = FakeReplayFit(lambda _: replace(a_fit(), std=np.full(len(SPACE), next(claims))))
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
@@ -340,7 +362,7 @@ def test_half_of_what_a_fit_claims_is_what_fits_like_it_usually_claim():
     # What is usual before any refit, .005, counts like two of what moves.
     usual = np.where(made.is_moving, (claimed * 0.005**2) ** (1 / 6), claimed ** (1 / 4))
     std = calibrated(surest, made, SPACE).std / made.inflation()
-    np.testing.assert_allclose(std, np.sqrt(0.002 * usual))
+    np.testing.assert_allclose(std, usual)
     unsure = replace(a_fit(), std=np.full(len(SPACE), 0.05))
     std = calibrated(unsure, made, SPACE).std / made.inflation()
     np.testing.assert_allclose(std, np.sqrt(0.05 * usual))

@@ -73,9 +73,10 @@ class Bootstrap:
         """(N,) standard deviations for those that a fit claims, before `inflation`.
 
         A claim depends mostly on how far apart the fit's two sides end, which is a single draw: two
-        wrong sides may meet, and two good ones differ if one has not converged. So the result is
-        the geometric mean of the claim and of what fits like these usually claim; without refits,
-        the larger.
+        wrong sides may meet, and two good ones differ if one has not converged. The same actions
+        tell about as much in worlds alike, so a claim smaller than usual is luck: what fits like
+        these usually claim counts. Of a larger one, the geometric mean of the two counts; without
+        refits, all of it.
         """
         usual = self.usual_std
         return std if usual is None else believed_std(std, usual, len(self.errors))
@@ -135,7 +136,7 @@ def usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:
 
 def believed_std(std: np.ndarray, usual_std: np.ndarray, num_refits: int) -> np.ndarray:
     """See `Bootstrap.believed`."""
-    return np.sqrt(std * usual_std) if num_refits else np.maximum(std, usual_std)
+    return np.maximum(usual_std, np.sqrt(std * usual_std) if num_refits else std)
 
 
 def _ratios(values: Sequence[float], known: Sequence[Sequence[float]]) -> list[float]:
