@@ -25,6 +25,10 @@ START
 name = "damping"
 kind = "damping"
 objects = "elbow"
+[[parameters]]
+name = "gear"
+kind = "gear"
+objects = "turn"
 """
 AT_KEYFRAME = "kind = 'keyframe'\nkeyframe = 'KEY'"
 AROUND_KEYFRAME = (
@@ -63,13 +67,17 @@ def test_a_joint_stays_where_it_begins_unless_its_keyframe_pulls_it(
     np.testing.assert_allclose(at[:, -1] - at[:, 0], pulled_by, atol=1e-4)
 
 
-@pytest.mark.parametrize(("keyframe", "pulled_by"), [("up", 0.0), ("pulled", 0.1)])
+@pytest.mark.parametrize(
+    ("keyframe", "gear", "pulled_by"), [("up", 2, 0.0), ("up", 3, 0.0), ("pulled", 2, 0.1)]
+)
 def test_a_replay_begins_where_the_recording_does_not_where_the_task_does(
-    start, keyframe, pulled_by
+    start, keyframe, gear, pulled_by
 ):
     task = start(AT_KEYFRAME, keyframe)
     physics = Physics(task.simulator(image_size=16), angles_of, still(task)[0, 0])
-    actions, unit = np.zeros((2, STEPS, 1)), task.parameters.to_unit(task.parameters.nominal)
+    actions, values = np.zeros((2, STEPS, 1)), task.parameters.nominal.copy()
+    values[task.parameters.names.index("gear")] = gear
+    unit = task.parameters.to_unit(values)
     begun = np.array([[-0.5, 0.0], [1.2, 0.0]])
     left = physics.replay_actuators(actions, np.repeat(begun[:, None], STEPS + 1, 1), unit)
     for t in (0, STEPS // 2):  # also from its middle

@@ -189,6 +189,14 @@ def test_derivatives_by_the_blur_are_those_of_what_is_seen(simulator, pictures):
         assert np.abs(slopes.blur[i]).max() > 0.01
 
 
+def test_a_camera_sharper_than_the_simulators_pictures_leaves_colours_as_they_are(fit, pictures):
+    drawn = pictures.frames.astype(np.float32)
+    sharp = np.rint((drawn + 0.3 * (drawn - smoothed(drawn))).clip(0, 255)).astype(np.uint8)
+    found = fit(CARD, frames=sharp)
+    np.testing.assert_array_equal(found.blur[0, 0], 0)
+    np.testing.assert_allclose(found.unit, TRUTH, atol=0.03)
+
+
 def test_pictures_that_are_the_simulators_own_have_no_response(fit):
     seen = fit(CARD, camera_noise=None)
     assert seen.responses == []

@@ -65,6 +65,7 @@ def tune(
     before_run_s = time.monotonic() - started_s
     with Run(experiment, report) as run:
         run.resume()
+        run.folder.write_config()
         if run.num_rounds and search.stop_reason:
             report("the search is over already; another --out searches anew", 1.0)
         spent_s = before_run_s + run.wall_s + ending_s

@@ -133,7 +133,7 @@ def train(
 
 def load(run: str | PathLike[str]) -> Result:
     """The result of a finished run of `tune` or `train`. Raises ValueError if it is not one."""
-    return Result(read_finished(Path(run).expanduser()))
+    return Result(read_finished(Path(expanduser(run))))
 
 
 def _config_of_run(
@@ -144,9 +144,10 @@ def _config_of_run(
         raise InputError("real is None; expected 'pseudo', a path, arrays, or a function")
     if not isinstance(options["out"], str | PathLike):
         raise InputError(f"out is a {type(options['out']).__name__}; expected a folder's path")
-    out = Path(options["out"]).expanduser()
+    out = Path(expanduser(options["out"]))
     folder = out / FILMED
-    place = expanduser(real) if isinstance(real, str | PathLike) else folder
+    real = expanduser(real) if isinstance(real, str | PathLike) else real
+    place = real if isinstance(real, str) else folder
     config = _config(kind, task, options | {"real": place})
     check_asked(out, asked(config, task))
     if callable(real) and stored_config(out) and not (folder / EPISODES).exists():
@@ -154,7 +155,7 @@ def _config_of_run(
     num = options.get("real_episodes")
     if not config.has_search:
         num = 1  # for the length of a step
-    return replace(config, real=expanduser(_recordings(real, folder, num)))
+    return replace(config, real=_recordings(real, folder, num))
 
 
 def _recordings(real: Any, folder: Path, num: int | None) -> Any:
@@ -181,7 +182,7 @@ def _config(kind: type[_Config], task: AnyTask, options: dict[str, Any]) -> _Con
             given[name] = value.item()
     check_types(kind, given)
     there = [name for name in paths if given.get(name) is not None]
-    given |= {name: Path(given[name]).expanduser() for name in there}
+    given |= {name: Path(expanduser(given[name])) for name in there}
     config = kind(**given)
     config.check()
     return config

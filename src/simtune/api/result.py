@@ -5,6 +5,7 @@ from dataclasses import asdict
 from functools import cached_property
 from numbers import Integral
 from os import PathLike
+from os.path import expanduser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -124,11 +125,7 @@ class Result:
         These are model.xml, parameters.json and apply.py; with `samples` draws of the posterior
         also samples.csv, and worlds.npz and a module for the training library `format`.
         """
-        options: dict[str, Any] = {
-            "out": Path(out).expanduser(),
-            "samples": samples,
-            "format": format,
-        }
+        options = {"out": Path(expanduser(out)), "samples": samples, "format": format}
         with in_python():
             check_types(ExportConfig, options)
             return export(ExportConfig(run_folder=self.path, **options))

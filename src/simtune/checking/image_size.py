@@ -28,13 +28,12 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
     than recordings have, if even the largest moving part would be small otherwise. Raises
     InputError for recordings that cannot be read, and for a size where no camera is observed.
     """
-    usual = usual_image_size(search)
-    if config.image_size and not observed(task, config.observed, is_simulated=False).cameras:
+    usual, seen = usual_image_size(search), observed(task, config.observed, is_simulated=False)
+    if config.image_size and not seen.cameras:
         who = f"--observe {config.observe}" if config.observe else task.name
         raise InputError(f"--image-size goes with pictures, and {who} looks at none")
     if config.image_size or search != "posterior" or not isinstance(task, Task):
         return config.image_size or usual
-    seen = observed(task, config.observed, is_simulated=False)
     largest_px = _largest_px(task, seen, usual)
     if largest_px >= FEW_PX:
         return usual

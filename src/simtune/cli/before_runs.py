@@ -1,8 +1,4 @@
-"""Commands before any run: what there is, whether it works, and recordings.
-
-Each function runs the command of its name. They import what they need within: torch and
-Warp take seconds, and --help should not.
-"""
+"""Commands before any run: what there is, whether it works, and recordings."""
 
 import math
 

@@ -1,8 +1,4 @@
-"""Commands that make runs or read them.
-
-Each function runs the command of its name. They import what they need within: torch and
-Warp take seconds, and --help should not.
-"""
+"""Commands that make runs or read them."""
 
 import shlex
 import sys

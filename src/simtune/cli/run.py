@@ -1,4 +1,7 @@
-"""Runs each command."""
+"""Runs each command, by the function of its name.
+
+These import what they need within: torch and Warp take seconds, and --help should not.
+"""
 
 from collections.abc import Callable
 from typing import Any

@@ -12,7 +12,7 @@ from simtune.errors import InputError
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.report.data import RunData
-from simtune.report.read_run import read_finished, read_run
+from simtune.report.read_run import finished, read_run
 from simtune.tasks import Task, with_model
 
 _SMALLEST_PX = 1  # nothing is drawn
@@ -23,13 +23,13 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
 
     Raises InputError for a run without joint readings, or recordings that do not match it.
     """
-    if "sensors" not in read_run(run_folder).result:
+    run = read_run(run_folder)
+    if "sensors" not in run.result:
         raise InputError(
             f"{run_folder} has no joint readings to replay: --real goes with a finished run of "
             "`simtune tune` on a tuning file with [[sensors]]"
         )
-    run = read_finished(run_folder)
-    task = with_model(run.load_task())
+    task = with_model(finished(run).load_task())
     real = _open(run, task, recordings)
     trajectories = real.collect(num_episodes or real.num_episodes)
     parameters, space = run.parameters, task.parameters

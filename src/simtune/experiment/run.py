@@ -60,7 +60,6 @@ class Run:
         Raises RuntimeError for the checkpoint of another version's networks.
         """
         if not (checkpoint := self.folder.load_checkpoint()):
-            self.folder.write_config()
             return None
         tensors, state = checkpoint
         self.experiment.load(tensors, state)
@@ -71,7 +70,6 @@ class Run:
         self.estimate = Estimate.from_json(state["estimate"])
         self._start_s = time.monotonic() - state["wall_s"]
         self._counts = self._simulated()
-        self.folder.write_config()
         return state
 
     def save(self, **own: Any) -> None:

@@ -34,9 +34,10 @@ class Combined:
     variance: float  # between experiments
 
     def step(
-        self, unit: np.ndarray, largest: float, damping_std: float = _DAMPING_STD
+        self, unit: np.ndarray, largest: float | np.ndarray, damping_std: float = _DAMPING_STD
     ) -> np.ndarray:
-        """(P + Q,) damped Newton step from (P,) `unit`; no coordinate moves more than `largest`.
+        """(P + Q,) damped Newton step from (P,) `unit`; no coordinate moves more than `largest`,
+        which all share, or (P,).
 
         The damping (Levenberg 1944) is that of unknowns known to `damping_std` beforehand.
         """
@@ -45,11 +46,11 @@ class Combined:
 
 
 def step_within_bounds(
-    damped: np.ndarray, slope: np.ndarray, unit: np.ndarray, largest: float
+    damped: np.ndarray, slope: np.ndarray, unit: np.ndarray, largest: float | np.ndarray
 ) -> np.ndarray:
     """(P + Q,) `newton_within`, scaled so that no unit coordinate moves more than `largest`."""
     change = newton_within(damped, slope, unit, (0.0, 1.0))
-    return change * (largest / np.abs(change[: len(unit)]).max(initial=largest))
+    return change / (np.abs(change[: len(unit)]) / largest).max(initial=1.0)
 
 
 def newton_within(

@@ -8,6 +8,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.simulation import Simulator, StateSpace
+from simtune.simulation.held_controls import given
 
 _NOTHING_LIKE_IT = -1e3  # what a diverged world predicts, in any unit
 
@@ -120,14 +121,13 @@ class Physics:
 
         What integrates a velocity goes with its joint.
         """
-        simulator, begun = self.simulator, self.full_states(states)
-        held, some = simulator.held, np.broadcast_to(self._full_state, begun.shape)
-        holding, of_some = (
-            simulator.begin(worlds, self._rng, starts=starts, observe=held.holding).observed[:, 0]
-            for starts in (begun, some)
-        )
+        simulator, begun, held = self.simulator, self.full_states(states), self.simulator.held
         integrated = simulator.state_space.remembered.start + held.integrated
-        begun[:, integrated] += holding - of_some
+        own = simulator.begin(worlds, self._rng, observe=held.holding)
+        there = simulator.begin(worlds, self._rng, starts=begun, observe=held.holding)
+        activations = own.states[:, 0, integrated]
+        moved = activations + there.observed[:, 0] - own.observed[:, 0]
+        begun[:, integrated] = np.where(given(activations), moved, 0)  # 0: settles by itself
         return begun
 
     @property

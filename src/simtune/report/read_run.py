@@ -39,7 +39,12 @@ def read_run(path: Path) -> RunData:
 
 def read_finished(path: Path) -> RunData:
     """Read the folder of a run with a result. Raises InputError for others and damaged files."""
-    run = read_run(path)
+    return finished(read_run(path))
+
+
+def finished(run: RunData) -> RunData:
+    """The same. Raises InputError if it has no result, or damaged files."""
+    path = run.path
     if not run.result.get("parameters"):
         raise InputError(
             f"{path} has no result yet: let the run end, or, where it was interrupted, give its "

@@ -57,8 +57,8 @@ class HeldControls:
     def follow(self, batch: Batch, before: np.ndarray) -> None:
         """Move activations that a keyframe gave as joints were moved; (n, I) `holding` `before`."""
         if self.integrated.size:
-            given = _given(batch.act[:, self.integrated])
-            batch.act[:, self.integrated] += given * (self.holding(batch) - before)
+            are_given = given(batch.act[:, self.integrated])
+            batch.act[:, self.integrated] += are_given * (self.holding(batch) - before)
 
     def settle(self, batch: Batch, controls: np.ndarray) -> None:
         """Set the memory of worlds whose first (n, nu) controls these are."""
@@ -67,7 +67,7 @@ class HeldControls:
             batch.act[:, self._acts] = within[:, self._act_controls]
         if self.integrated.size:
             begun = batch.act[:, self.integrated]
-            batch.act[:, self.integrated] = np.where(_given(begun), begun, self.holding(batch))
+            batch.act[:, self.integrated] = np.where(given(begun), begun, self.holding(batch))
         if self._places.size:
             batch.history[:, self._places] = within[:, self._place_controls]
 
@@ -80,6 +80,6 @@ def _integrators(model: mujoco.MjModel) -> np.ndarray:
     return np.flatnonzero(integrates & pulls & scales)
 
 
-def _given(activations: np.ndarray) -> np.ndarray:
+def given(activations: np.ndarray) -> np.ndarray:
     """(n, 1) bool of (n, I): whether a keyframe gives them; all are 0 without."""
     return np.any(activations, axis=1, keepdims=True)

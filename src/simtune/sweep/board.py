@@ -120,7 +120,7 @@ class Board:
             self._erase()
             width, height = _terminal()
             # One line is the cursor's. A longer line would take two, of which one would stay
-            lines = [line[: width - 1] for line in self.table(height - 1)]
+            lines = [line[: width - 1] for line in self.table(max(height - 1, 1))]
             self._drawn = len(lines)
             print("\n".join(lines), file=sys.stderr, flush=True)
 

@@ -21,7 +21,8 @@ def calibrated(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> F
     so they must not scale it down; it is independent between parameters, and dilutes correlations.
     """
     worse = np.full(len(fit.std), max(1.0, *bootstrap.motion_ratios(fit.misfit)))
-    # A fit to pictures claims more where pixels are noisier, but `believed` takes half of it away.
+    # A fit to pictures claims more where pixels are noisier, but `believed` takes half of it away,
+    # or all if it claims less than is usual.
     noisier = np.maximum(1.0, bootstrap.picture_ratios(fit.misfit))
     worse[~fit.is_moving] = np.sqrt(noisier)
     believed, refitted = bootstrap.believed(fit.std), fit.refitted_discrepancy_std

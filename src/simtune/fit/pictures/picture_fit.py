@@ -37,9 +37,6 @@ _ROUNDING = 1 / 255 / 12**0.5  # standard deviation
 _SQUARE_PX = 4  # neighbouring pixels are correlated: a square of 4 × 4 counts as one
 _OTHERS = 0.3  # largest share of other colours in a pixel, relative to it being all white
 _RIDGE = 1e-6  # of information, for what no picture shows
-# Of a lens, which smooths at most once, and of chroma; about 1 for a video of pixels that are not
-# averaged afterwards
-_MOST_BLUR = 1.0, 2.0
 _EXPOSURE_STD = 0.1  # prior of a picture's log exposure, which automatic cameras let drift
 _DERIVED_EVERY = 2  # iterations: derivatives cost most, and change slowly
 
@@ -81,7 +78,7 @@ def fit_pictures(
     shown: np.ndarray,
     is_known: np.ndarray | None = None,
 ) -> PictureFit:
-    """Fit the visible parameters, (V,) indices `shown`, and the cameras' responses.
+    """Fit the visible parameters, (V,) indices `shown`, and the cameras' responses and blur.
 
     `parameters`: (N,) initial values; those not in `shown` are kept, and so are the known ones
     among `shown`, `is_known` (V,) bool.
@@ -100,7 +97,7 @@ def fit_pictures(
 
 
 class _Fit:
-    """Gauss-Newton steps of colours, camera responses, video blur and poses."""
+    """Gauss-Newton steps of colours, camera responses, blur and poses."""
 
     def __init__(self, simulator, pictures: Pictures, unit, shown, known):
         self._unit, self._shown, self._known = unit, shown, known
@@ -132,17 +129,17 @@ class _Fit:
         leads = np.einsum("m,mpq->pq", trust, information[:, :num])
         leads = np.linalg.solve(leads[:, :num] + _RIDGE * np.eye(num), leads[:, num:])  # −du/dρ
         self._covariance = colours.covariance + leads @ cameras.covariance @ leads.T
-        self._variance, before = colours.variance, self._unit[self._fitted]
-        step = colours.step(before, _LARGEST_STEP, _DAMPING_STD)
-        self._unit[self._fitted] = after = np.clip(before + step[:few], 0, 1)
-        most = np.tile(_MOST_BLUR, len(scene.blur) // 2)
-        scene.blur = np.clip(scene.blur + step[few:], 0, most)
+        self._variance, before = colours.variance, np.append(self._unit[self._fitted], scene.blur)
+        largest = np.where(np.arange(num) < few, _LARGEST_STEP, np.inf)
+        step = colours.step(before, largest, _DAMPING_STD)
+        after = np.clip(before + step, 0, 1)
+        self._unit[self._fitted], scene.blur = after[:few], after[few:]
         scene.response = scene.response + cameras.step
-        went = np.concatenate([after - before, step[few:], cameras.step])
+        went = np.concatenate([after - before, cameras.step])
         scene.move(-follow[..., -1] - follow[..., :-1] @ went)
         scene.log_exposure = exposed(scene.log_exposure, slopes, weight, residual)
         std = np.sqrt(np.diag(self._covariance))[:few]
-        return float((np.abs(after - before) / std).max(initial=0))
+        return float((np.abs(after - before)[:few] / std).max(initial=0))
 
     def result(self) -> PictureFit:
         drawn, slopes, known = self._scene.draw(self._unit), self._slopes.shown, self._known
@@ -152,7 +149,7 @@ class _Fit:
         few = len(self._fitted)
         covariance[np.ix_(~known, ~known)] = self._covariance[:few, :few] + np.diag(rounding)
         scene = self._scene
-        cameras = scene.responses, scene.blur.reshape(-1, 2), scene.log_exposure
+        cameras = scene.responses, scene.blurs, scene.log_exposure
         return PictureFit(self._unit[self._shown], covariance, noise, *cameras)
 
     def _see_known(

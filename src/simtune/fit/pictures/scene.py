@@ -15,13 +15,16 @@ _DELTA = 0.03  # finite-difference step of a parameter: several of a pixel's 256
 _WHITE = 254.5 / 255
 _MARGIN_PX = 1
 _LARGEST_MOVE = 4.0  # of a pose, in standard deviations
+# By how many smoothings a lens blurs pictures at most, and a video their chroma: about 1 for one of
+# pixels that are not averaged afterwards.
+_MOST_BLUR = 1.0, 2.0
 
 
 class PixelSlopes(NamedTuple):
     """Derivatives of pixels, of the full scale."""
 
     shown: np.ndarray  # (V, M, pixels) by each parameter's unit coordinate
-    blur: np.ndarray  # (2 C, M, pixels) by each camera's blur, see `PictureScene`
+    blur: np.ndarray  # (2 C, M, pixels) by each camera's `PictureScene.blur`
     response: np.ndarray  # (5 C, M, pixels) by each unknown of the cameras' responses
     pose: np.ndarray  # (D, M, pixels) by each standard deviation of a pose
 
@@ -61,15 +64,21 @@ class PictureScene:
         # (M, C) logarithms of the pictures' exposures, 0 on average over those of a camera
         self.log_exposure = np.zeros((len(full_states), num_real))
         self.response = np.zeros(NUM_UNKNOWN * num_real)  # (5 C,)
-        # (2 C,) smoothing of each camera's pictures by its lens, and of their chroma by its video;
-        # 1: as much as smoothing once
-        self.blur = np.zeros(2 * num_real)
+        self.blur = np.zeros(2 * num_real)  # (2 C,) of what it may be at most, see `blurs`
         self._rendered = np.zeros((0, 0, 0, 3), np.float32)  # by the last `draw`
 
     @property
     def responses(self) -> list[CameraResponse]:
         """One per camera; none if pictures are the simulator's own."""
         return [CameraResponse(unknown) for unknown in self.response.reshape(-1, NUM_UNKNOWN)]
+
+    @property
+    def blurs(self) -> np.ndarray:
+        """(C, 2) smoothing of each camera's pictures by its lens, and of their chroma by its video.
+
+        1: as much as smoothing once.
+        """
+        return self.blur.reshape(-1, 2) * _MOST_BLUR
 
     def move(self, change: np.ndarray) -> None:
         """Move the poses by (M, D)."""
@@ -129,23 +138,20 @@ class PictureScene:
         for number, (response, exposure, columns) in enumerate(cameras):
             view, from_here = rendered[:, :, columns], slice(NUM_UNKNOWN * number, None)
             slopes[from_here][:NUM_UNKNOWN, :, :, columns] = response.derive(view, exposure)
-            sharp, (soft, chroma) = response(view, exposure), self._blurs[number]
-            lost = smoothed(sharp) - sharp
-            of_blur[2 * number][:, :, columns] = lost + chroma * _lost_chroma(lost)
-            of_blur[2 * number + 1][:, :, columns] = _lost_chroma(sharp + soft * lost)
+            sharp, (soft, chroma) = response(view, exposure), self.blurs[number].astype(np.float32)
+            lost, of_own = smoothed(sharp) - sharp, of_blur[2 * number :]
+            of_own[0, ..., columns, :] = lost + chroma * _lost_chroma(lost)
+            of_own[1, ..., columns, :] = _lost_chroma(sharp + soft * lost)
+        most = np.tile(_MOST_BLUR, len(of_blur) // 2).astype(np.float32)
+        of_blur *= most.reshape(-1, 1, 1, 1, 1)
         return self.compared(of_blur), self.compared(slopes)
-
-    @property
-    def _blurs(self) -> np.ndarray:
-        """(C, 2)"""
-        return self.blur.reshape(-1, 2).astype(np.float32)
 
     def _see(self, rendered: np.ndarray) -> np.ndarray:
         """(M, pixels) of (M, H, W, 3), with the cameras' current responses and blur."""
         if not self._is_real:
             return self.compared(rendered)
         views = apart(self._respond(rendered), self._simulator.widths)
-        both = zip(views, self._blurs, strict=True)
+        both = zip(views, self.blurs.astype(np.float32), strict=True)
         return self.compared(np.concatenate([_blurred(view, *blurs) for view, blurs in both], 2))
 
     def _respond(self, rendered: np.ndarray) -> np.ndarray:
