@@ -59,6 +59,8 @@ class TuneConfig(Prints, ObservesSized, RealConfig):
             raise InputError(f"--precision must be a percentage such as 1%, got {self.precision}")
         if self.search != "posterior":
             usual_without(self, "--search posterior", "precision")
+        if self.observed == ("joints",):
+            usual_without(self, "pictures, and --observe joints looks at none", "image_size")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,7 +50,8 @@ def step_within_bounds(
 ) -> np.ndarray:
     """(P + Q,) `newton_within`, scaled so that no unit coordinate moves more than `largest`."""
     change = newton_within(damped, slope, unit, (0.0, 1.0))
-    return change / (np.abs(change[: len(unit)]) / largest).max(initial=1.0)
+    moves = np.maximum(np.abs(change[: len(unit)]), np.finfo(float).tiny)
+    return change * (largest / moves).min(initial=1.0)
 
 
 def newton_within(
