@@ -50,7 +50,7 @@ def train(
     with Run(experiment, report) as run:
         training = Training(experiment, run, report)
         training.resume()
-        training.run.folder.write_config()
+        run.folder.write_config()
         training.carry_out()
         return training.finish(command)
 

@@ -12,7 +12,7 @@ from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.real.choose import read_parameters
 from simtune.run import checkpoint
-from simtune.run.config import option_defaults, stored_config
+from simtune.run.config import check_names_task, option_defaults, stored_config
 from simtune.run.sources import other_readers, source_of
 from simtune.tuning.estimate import Estimate
 
@@ -117,6 +117,5 @@ def _stored(run_folder: Path) -> dict[str, Any]:
             f"{run_folder} is no folder that `simtune train` wrote; one of `simtune tune` with "
             "joint readings needs --real DIR"
         )
-    if "task" not in stored["config"]:
-        raise InputError(f"{run_folder / 'config.json'} is damaged: its config has no task")
+    check_names_task(run_folder, stored["config"])
     return stored | {"config": option_defaults(TrainConfig) | stored["config"]}

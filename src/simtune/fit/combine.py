@@ -36,8 +36,7 @@ class Combined:
     def step(
         self, unit: np.ndarray, largest: float | np.ndarray, damping_std: float = _DAMPING_STD
     ) -> np.ndarray:
-        """(P + Q,) damped Newton step from (P,) `unit`; no coordinate moves more than `largest`,
-        which all share, or (P,).
+        """(P + Q,) damped Newton step from (P,) `unit`; see `step_within_bounds`.
 
         The damping (Levenberg 1944) is that of unknowns known to `damping_std` beforehand.
         """
@@ -48,7 +47,10 @@ class Combined:
 def step_within_bounds(
     damped: np.ndarray, slope: np.ndarray, unit: np.ndarray, largest: float | np.ndarray
 ) -> np.ndarray:
-    """(P + Q,) `newton_within`, scaled so that no unit coordinate moves more than `largest`."""
+    """(P + Q,) `newton_within`, scaled so that no unit coordinate moves more than `largest`.
+
+    That is a number for all of them, or (P,).
+    """
     change = newton_within(damped, slope, unit, (0.0, 1.0))
     moves = np.maximum(np.abs(change[: len(unit)]), np.finfo(float).tiny)
     return change * (largest / moves).min(initial=1.0)

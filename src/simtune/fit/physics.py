@@ -122,6 +122,8 @@ class Physics:
         What integrates a velocity goes with its joint.
         """
         simulator, begun, held = self.simulator, self.full_states(states), self.simulator.held
+        if not held.integrated.size:
+            return begun
         integrated = simulator.state_space.remembered.start + held.integrated
         own = simulator.begin(worlds, self._rng, observe=held.holding)
         there = simulator.begin(worlds, self._rng, starts=begun, observe=held.holding)

@@ -54,13 +54,13 @@ def choose_real(
     space = task.parameters
     if config.real == "pseudo":
         return _pseudo(config, task, image_size)
+    seen = observed(task, config.observed, is_simulated=False)
     if config.real in ROBOTS:
-        if observed(task, config.observed, is_simulated=False).sensors:
+        if seen.sensors:
             raise InputError(
                 f"--real {config.real} films, and hands out no readings yet: give --observe cameras"
             )
         return ChosenReal(_robot(config, task, image_size, out), space.nominal.copy(), None)
-    seen = observed(task, config.observed, is_simulated=False)
     dataset = open_recordings(config.real, task, config, image_size, seen)
     real = RecordedReal(dataset, seen.framed(dataset.aspects))
     if real_episodes != 0:

@@ -8,6 +8,7 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.report.data import Posterior, RunData
+from simtune.run.config import check_names_task
 from simtune.run.files import read_json, read_jsonl
 from simtune.run.folder import POSTERIOR
 
@@ -52,8 +53,7 @@ def finished(run: RunData) -> RunData:
         )
     if "task" not in run.result:
         raise InputError(f"{path / 'result.json'} is damaged: it has no task")
-    if "task" not in run.config:
-        raise InputError(f"{path / 'config.json'} is damaged: its config has no task")
+    check_names_task(path, run.config)
     return run
 
 

@@ -44,6 +44,12 @@ def stored_config(path: Path) -> dict[str, Any] | None:
     return stored
 
 
+def check_names_task(path: Path, config: Mapping[str, Any]) -> None:
+    """Raises InputError if the stored options of the run at `path` name no task."""
+    if "task" not in config:
+        raise InputError(f"{path / 'config.json'} is damaged: its config has no task")
+
+
 def _is_leftover(path: Path) -> bool:
     """Whether a run that ended before its first config.json left this: e.g. a temporary file."""
     is_temporary = path.name.startswith(".") and path.name.endswith(".tmp")

@@ -47,7 +47,7 @@ class FitStage:
     context: SearchContext
     model: PosteriorSearchParamModel
     replay_fit: ReplayFit
-    noise: DetectorNoise  # of the detector
+    noise: DetectorNoise
     learnt_from: AllEvidence  # by the state estimator: on its scale readings are given to it
     is_blunt: bool = False  # readings count as if they were noisier
 

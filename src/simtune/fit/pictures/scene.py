@@ -76,9 +76,9 @@ class PictureScene:
     def blurs(self) -> np.ndarray:
         """(C, 2) smoothing of each camera's pictures by its lens, and of their chroma by its video.
 
-        1: as much as smoothing once.
+        float32; 1: as much as smoothing once.
         """
-        return self.blur.reshape(-1, 2) * _MOST_BLUR
+        return (self.blur.reshape(-1, 2) * _MOST_BLUR).astype(np.float32)
 
     def move(self, change: np.ndarray) -> None:
         """Move the poses by (M, D)."""
@@ -138,12 +138,11 @@ class PictureScene:
         for number, (response, exposure, columns) in enumerate(cameras):
             view, from_here = rendered[:, :, columns], slice(NUM_UNKNOWN * number, None)
             slopes[from_here][:NUM_UNKNOWN, :, :, columns] = response.derive(view, exposure)
-            sharp, (soft, chroma) = response(view, exposure), self.blurs[number].astype(np.float32)
-            lost, of_own = smoothed(sharp) - sharp, of_blur[2 * number :]
-            of_own[0, ..., columns, :] = lost + chroma * _lost_chroma(lost)
-            of_own[1, ..., columns, :] = _lost_chroma(sharp + soft * lost)
-        most = np.tile(_MOST_BLUR, len(of_blur) // 2).astype(np.float32)
-        of_blur *= most.reshape(-1, 1, 1, 1, 1)
+            sharp, (soft, chroma) = response(view, exposure), self.blurs[number]
+            (most_soft, most_chroma), of_own = _MOST_BLUR, of_blur[2 * number :]
+            lost = _lost_sharpness(sharp)
+            of_own[0, ..., columns, :] = most_soft * (lost + chroma * _lost_chroma(lost))
+            of_own[1, ..., columns, :] = most_chroma * _lost_chroma(sharp + soft * lost)
         return self.compared(of_blur), self.compared(slopes)
 
     def _see(self, rendered: np.ndarray) -> np.ndarray:
@@ -151,7 +150,7 @@ class PictureScene:
         if not self._is_real:
             return self.compared(rendered)
         views = apart(self._respond(rendered), self._simulator.widths)
-        both = zip(views, self.blurs.astype(np.float32), strict=True)
+        both = zip(views, self.blurs, strict=True)
         return self.compared(np.concatenate([_blurred(view, *blurs) for view, blurs in both], 2))
 
     def _respond(self, rendered: np.ndarray) -> np.ndarray:
@@ -182,8 +181,13 @@ def _within(covered: np.ndarray) -> np.ndarray:
 
 def _blurred(pictures: np.ndarray, soft: np.float32, chroma: np.float32) -> np.ndarray:
     """(M, H, W, 3) by a lens, then by a video; see `PictureScene`."""
-    soft_ones = pictures + soft * (smoothed(pictures) - pictures)
+    soft_ones = pictures + soft * _lost_sharpness(pictures)
     return soft_ones + chroma * _lost_chroma(soft_ones)
+
+
+def _lost_sharpness(pictures: np.ndarray) -> np.ndarray:
+    """(M, H, W, 3) change of pictures when they are smoothed once."""
+    return smoothed(pictures) - pictures
 
 
 def _lost_chroma(pictures: np.ndarray) -> np.ndarray:
