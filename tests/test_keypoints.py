@@ -21,6 +21,7 @@ from simtune.vision.keypoints import (
     _project,
     candidate_keypoints,
     choose_keypoints,
+    is_drawn,
 )
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -164,6 +165,23 @@ def test_geoms_that_never_move_are_no_keypoints():
     ends = keypoints.offsets[[n == "pole_1" for n in names]]
     length = model.geom("pole_1").size[1]
     np.testing.assert_allclose(ends, [[0, 0, -length], [0, 0, 0], [0, 0, length]])
+
+
+@pytest.mark.parametrize(
+    ("geom", "expected"),
+    [
+        ('material="clear"', False),
+        ('material="clear" rgba=".2 .3 .4 1"', True),  # a colour of its own comes first
+        ('material="red"', True),
+        ('rgba="1 0 0 0"', False),
+        ('group="3"', False),
+    ],
+)
+def test_what_a_material_hides_is_not_drawn(geom, expected):
+    materials = '<material name="clear" rgba="0 0 0 0"/><material name="red" rgba="1 0 0 1"/>'
+    world = f'<worldbody><geom size=".1" {geom}/></worldbody>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><asset>{materials}</asset>{world}</mujoco>")
+    assert is_drawn(model).tolist() == [expected]
 
 
 def test_a_sphere_has_only_its_centre():

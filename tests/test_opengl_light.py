@@ -61,8 +61,8 @@ def lamp(more: str = "", direction: str = "0 0 -1", name: str = "lamp") -> str:
     return f'<light name="{name}" pos="0 0 3" dir="{direction}" directional="true" {more}/>'
 
 
-def spot(cutoff: float, more: str = "") -> str:
-    return f'<light name="lamp" pos="0 0 2" cutoff="{cutoff}" exponent="2" {more}/>'
+def spot(cutoff: float, more: str = "", exponent: float = 2) -> str:
+    return f'<light name="lamp" pos="0 0 2" cutoff="{cutoff}" exponent="{exponent}" {more}/>'
 
 
 def cloth(name: str, pos: str, more: str) -> str:
@@ -135,6 +135,21 @@ SCENES = {
         "lamps": spot(30, 'ambient=".5 .5 .5" diffuse=".3 .3 .3" attenuation="1 0 .2"'),
         "headlight": DARK,
     },
+    "a spotlight that shines everywhere": {
+        "things": FINE_FLOOR + BALL,
+        "lamps": spot(180, exponent=10),
+        "headlight": DARK,
+    },
+    "a cone wider than OpenGL's": {
+        "things": BALL + CUBE,
+        "lamps": spot(120, exponent=10),
+        "headlight": DARK,
+    },
+    "a sharper exponent than OpenGL's": {
+        "things": FINE_FLOOR + BALL,
+        "lamps": spot(60, exponent=200),
+        "headlight": DARK,
+    },
     "light that is full before it meets a texture": {
         "things": CHECKS,
         "lamps": lamp('castshadow="false"'),
@@ -196,6 +211,13 @@ def test_lamps_that_cast_shadows_are_full_each_for_itself():
 def test_a_shininess_is_tuned_to_0():
     model = model_of(FLOOR + BALL, lamp(), DARK, material='specular=".5" shininess=".5"')
     assert_equal_but_for_edges(*both(model, mat_shininess=0.0))
+
+
+@pytest.mark.opengl
+@pytest.mark.parametrize("things", [FINE_FLOOR + BALL, CUBE], ids=["shapes", "mesh"])
+def test_a_cone_is_tuned_to_more_than_opengl_takes(things):
+    model = model_of(things, spot(60, exponent=10), DARK)
+    assert_equal_but_for_edges(*both(model, light_cutoff=120.0))
 
 
 @pytest.mark.opengl

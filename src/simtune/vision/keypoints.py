@@ -14,6 +14,7 @@ from mujoco.batch import Batch
 
 from simtune.cameras.lens import focal_px
 from simtune.cameras.views import View
+from simtune.parameters.model_writer import start_from_material
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
 from simtune.simulation.rendering.plate import stands_still
@@ -123,7 +124,9 @@ def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int
 
 def is_drawn(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) bool: geoms that cameras show, not only used for contacts."""
-    return (model.geom_group < _DRAWN_GROUPS) & (model.geom_rgba[:, 3] > 0)
+    rgba = model.geom_rgba.copy()
+    start_from_material(rgba, np.arange(model.ngeom), model, "geom_rgba")
+    return (model.geom_group < _DRAWN_GROUPS) & (rgba[:, 3] > 0)
 
 
 def moves_before(model: mujoco.MjModel, camera: int) -> np.ndarray:

@@ -8,8 +8,9 @@ import copy
 import mujoco
 import numpy as np
 
-# OpenGL's power of 0 is an even gloss, mujoco_warp's is none
-LEAST_SHININESS = 1e-5
+_LEAST_SHININESS = 1e-5
+_WIDEST_CONE, _EVERYWHERE = 90.0, 180.0  # degrees
+_MOST_FOCUSED = 128.0  # exponent of a spotlight
 NUM_GROUPS = 3  # that are seen, the first of those that there are
 _UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 _MOST_LAMPS = 8  # at once, with the headlight
@@ -27,8 +28,25 @@ def as_opengl_reads(model: mujoco.MjModel) -> mujoco.MjModel:
     _decode(model)
     _paint_flexes(model)
     _choose_lamps(model)
-    model.mat_shininess[:] = np.maximum(model.mat_shininess, LEAST_SHININESS)
+    model.mat_shininess[:] = most_matt(model.mat_shininess)
+    model.light_cutoff[:], model.light_exponent[:] = cone(model.light_cutoff, model.light_exponent)
     return model
+
+
+def most_matt(shininess: np.ndarray) -> np.ndarray:
+    """Shininess that mujoco_warp draws as OpenGL does, where 0 is an even gloss, not none."""
+    return np.maximum(shininess, _LEAST_SHININESS)
+
+
+def cone(cutoff: np.ndarray, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles, degrees, and exponents of lamps as OpenGL takes them.
+
+    It refuses angles beyond 90°, and then its own stays, by which a lamp shines everywhere, evenly.
+    It refuses exponents beyond 128, and its own is 0.
+    """
+    is_refused = (exponent < 0) | (exponent > _MOST_FOCUSED)
+    is_wide = cutoff > _WIDEST_CONE
+    return np.where(is_wide, _EVERYWHERE, cutoff), np.where(is_refused | is_wide, 0, exponent)
 
 
 def _drop_textures(model: mujoco.MjModel) -> None:

@@ -15,7 +15,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, field_of
 from simtune.simulation.rendering import packing
-from simtune.simulation.rendering.appearance import LEAST_SHININESS
+from simtune.simulation.rendering.appearance import cone, most_matt
 from simtune.simulation.rendering.packing import packed
 from simtune.simulation.rendering.primitives.drawing import Primitives
 from simtune.simulation.rendering.sky import complete_sky
@@ -23,6 +23,7 @@ from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.rendering.warp_model import put_model
 
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
+_CONE = ("light_cutoff", "light_exponent")  # one means nothing without the other
 _COMPILING = Lock()  # Warp builds modules one at a time
 _SKY_SAMPLES = 4  # per pixel and axis: stars are smaller than pixels and would sparkle
 _LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
@@ -36,7 +37,8 @@ class Context:
         self._worlds = Batch(model, num_worlds, nthread=num_threads)
         self._writer = ModelWriter(space, model)
         fields = {p.field for p in space}
-        self._drawn = sorted(f for f in fields if field_of(f).is_drawn_per_world)
+        written = fields.union(_CONE) if fields.intersection(_CONE) else fields
+        self._drawn = sorted(f for f in written if field_of(f).is_drawn_per_world)
         self._written: np.ndarray | None = None
         self._casts_shadow = model.light_castshadow.astype(bool)  # (lights,)
         self._has_flexes = model.nflex > 0
@@ -136,12 +138,14 @@ class Context:
         if self._written is not None and np.array_equal(self._written, padded):
             return
         self._writer.write_batch(self._worlds, padded)
-        for name in self._drawn:
-            values = np.ascontiguousarray(self._worlds.expand(name), np.float32)
-            if name == "mat_shininess":
-                values = np.maximum(values, LEAST_SHININESS, dtype=np.float32)
-            field = getattr(self._model, name)
-            setattr(self._model, name, warp.array(values, dtype=field.dtype, device=field.device))
+        values = {name: self._worlds.expand(name) for name in self._drawn}
+        if "mat_shininess" in values:
+            values["mat_shininess"] = most_matt(values["mat_shininess"])
+        if _CONE[0] in values:
+            values |= zip(_CONE, cone(*(values[name] for name in _CONE)), strict=True)
+        for name, drawn in values.items():
+            drawn, field = np.ascontiguousarray(drawn, np.float32), getattr(self._model, name)
+            setattr(self._model, name, warp.array(drawn, dtype=field.dtype, device=field.device))
         self._written = padded
 
 
