@@ -4,6 +4,8 @@ import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+_CLOSE = 0.75  # as difflib counts: a slip of the keyboard, not "light" for "weight"
+
 
 class InputError(ValueError):
     """The user's input cannot be used; the CLI prints the message and exits with 2."""
@@ -13,10 +15,19 @@ class UnknownName(InputError):
     """A name (task, parameter, geom, column, ...) that does not exist where it was looked up."""
 
     def __init__(self, kind: str, name: str, where: str, known: Iterable[str]):
-        known = list(known)
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else f"; there are: {', '.join(known)}"
-        super().__init__(f"no {kind} {name!r} in {where}{hint if known else ', which has none'}")
+        super().__init__(f"no {kind} {name!r} in {where}{_hint(name, list(known))}")
+
+
+def _hint(name: str, known: list[str]) -> str:
+    """Which one may be meant, and all there are unless that is sure."""
+    if not known:
+        return ", which has none"
+    whole = [other for other in known if name in other]  # such as palm in robot0:palm
+    close = whole or difflib.get_close_matches(name, known)
+    meant = f"; did you mean {close[0]!r}?" if close else ""
+    if whole or difflib.get_close_matches(name, known, cutoff=_CLOSE):
+        return meant
+    return f"{meant or ';'} there are: {', '.join(known)}"
 
 
 def one_line(error: ValueError) -> str:

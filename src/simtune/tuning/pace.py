@@ -130,7 +130,8 @@ def slow_steps(share: float, step_s: float) -> str:
     """What to say if simulated steps take so much of a search, and each so long."""
     return (
         f"Simulating takes {share:.0%} of that, {_ms(step_s)} for each step of an action: a longer "
-        "physics timestep, fewer contacts, or fewer or shorter episodes would help"
+        "physics timestep, fewer contacts, joints that stand still as fixed_joints, or fewer or "
+        "shorter episodes would help"
     )
 
 
