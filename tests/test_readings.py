@@ -480,6 +480,14 @@ def test_without_pictures_no_camera_has_to_exist(tmp_path, camera):
         assert said in message(tmp_path / kind)
 
 
+@pytest.mark.parametrize("video", [False, True])
+def test_pairs_are_told_by_what_is_there(tmp_path, video):
+    write_pairs(tmp_path / "pairs", video=video)
+    dataset = open_dataset(tmp_path / "pairs", cameras=())
+    dataset.read(0)
+    assert dataset.facts(1)["kind"] == ("folder of mp4 and csv" if video else "folder of csv")
+
+
 def test_a_table_without_times_needs_its_video_s(tmp_path):
     write_pairs(tmp_path / "pairs", times=False)
     sensors = {"joints": ("lift", "pan")}

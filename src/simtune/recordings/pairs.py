@@ -25,8 +25,6 @@ class PairsSource:
     file has no partner, or the tables' columns differ.
     """
 
-    kind = "folder of mp4 and csv"
-
     def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
         if pictures and camera is not None:
             raise InputError(
@@ -39,6 +37,8 @@ class PairsSource:
         self._videos = _by_name(path for path in seen if path.suffix.lower() in VIDEOS)
         self._tables = _by_name(path for path in seen if path.suffix.lower() == TABLE)
         self._check_partners()
+        found = ["mp4"] * bool(self._videos) + ["csv"] * bool(self._tables)
+        self.kind = f"folder of {' and '.join(found)}"
         self._is_acted_on = bool(self._tables)
         self.episodes: Sequence[str] = sorted(self._tables or self._videos, key=natural)
         self._header = read_header(self._table(0)) if self._tables else []
