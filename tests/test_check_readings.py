@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +25,7 @@ from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.settings import Settings
 from simtune.fit import OpenLoopReplay
-from simtune.fit.readings.sensitivity import ReplayedReadings
+from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one
 from simtune.observation import JointSensor
 from simtune.real.observed import observed, open_recordings
@@ -415,14 +416,32 @@ def test_a_model_that_goes_astray_is_told_with_what_readings_show(recorded, tmp_
         check(CheckConfig(task=str(tmp_path / "tune.toml"), real=recorded))
 
 
-def test_episodes_from_which_the_model_goes_astray_tell_nothing(blind, monkeypatch):
-    simulator, space = blind.simulator(image_size=16), blind.parameters
-    seen, changed = observed(blind, None, is_simulated=True), one_by_one(space, space.nominal)
-    actions = np.stack([t.actions for t in episodes(blind)])
+def changes_of(task: Task) -> Callable[[], ReadingChanges]:
+    """How its readings change with its parameters, in simulated episodes."""
+    simulator, space = task.simulator(image_size=16), task.parameters
+    seen, changed = observed(task, None, is_simulated=True), one_by_one(space, space.nominal)
+    actions = np.stack([t.actions for t in episodes(task)])
     replayed = ReplayedReadings(simulator, seen, space.nominal, actions)
-    whole = replayed.changes(changed, np.array([1e-3, 1e-3]))
+    return lambda: replayed.changes(changed, np.array([1e-3, 1e-3]))
+
+
+def test_episodes_from_which_the_model_goes_astray_tell_nothing(blind, monkeypatch):
+    changes = changes_of(blind)
+    whole = changes()
     astray(monkeypatch, slice(1))
-    found = replayed.changes(changed, np.array([1e-3, 1e-3]))
+    found = changes()
     assert np.isfinite(found.rms).all()
     assert 0 < np.abs(found.rms - whole.rms).max() < whole.rms.max()
     assert np.isfinite(found.information).all()
+
+
+def test_a_wheel_that_has_turned_many_times_has_not_gone_astray(blind, monkeypatch):
+    changes = changes_of(blind)
+    expected, play = changes(), OpenLoopReplay.play
+
+    def far_from_zero(self, stretches, starts, worlds):
+        predicted, states = play(self, stretches, starts, worlds)
+        return predicted + 3000.0, states
+
+    monkeypatch.setattr(OpenLoopReplay, "play", far_from_zero)
+    np.testing.assert_allclose(changes().rms, expected.rms, rtol=1e-6)

@@ -61,6 +61,22 @@ def test_a_curved_tie_is_followed_and_not_inverted():
     np.testing.assert_array_equal(back, states)
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_chain_of_ties_is_followed_in_whatever_order_it_is_written(order):
+    """c is measured; b follows it, and a follows b."""
+    bodies = "".join(
+        f'<body><joint name="{name}"/><geom size=".05" contype="0"/></body>' for name in "abc"
+    )
+    ties = ['<joint joint1="a" joint2="b"/>', '<joint joint1="b" joint2="c"/>'][::order]
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{bodies}</worldbody><equality>{''.join(ties)}</equality></mujoco>"
+    )
+    states = np.zeros((1, 6))
+    states[:, [2, 5]] = 0.5, 3.0
+    follow_measured(model, states, np.array([2]))
+    np.testing.assert_allclose(states, [[0.5, 0.5, 0.5, 3.0, 3.0, 3.0]])
+
+
 @pytest.fixture
 def read(tmp_path) -> Callable[[str], tuple[OpenLoopReplay, np.ndarray]]:
     """Replays of such a gripper, of which one finger is read; and its (N,) unit coordinates."""

@@ -304,6 +304,12 @@ def test_what_servos_really_are_is_found_within_five_per_cent(tmp_path: Path):
     assert np.abs(found.mean / real - 1).max() < 0.05
 
 
+def test_an_episode_too_short_to_be_fitted_is_named():
+    episodes = cast(list[Trajectory], [np.empty(20), np.empty(5), np.empty(20)])
+    with pytest.raises(InputError, match="at least 8 steps; episode 1, counted from 0, has 5"):
+        ReadingsSearch.check(cast(ReadingsSearch, None), episodes)
+
+
 def test_a_run_without_readings_cannot_be_replayed(tmp_path: Path):
     (tmp_path / "config.json").write_text('{"config": {"task": "cartpole"}}')
     with pytest.raises(InputError, match=r"no joint readings to replay: .*\[\[sensors\]\]"):

@@ -86,9 +86,14 @@ class ReadingsSearch:
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
-        if (steps := min((len(t) for t in real), default=0)) < FEWEST_STEPS:
-            got = f"got one of {steps}" if real else "got none"
-            raise InputError(f"episodes must last at least {FEWEST_STEPS} steps, {got}")
+        lengths = [len(trajectory) for trajectory in real]
+        if (steps := min(lengths, default=0)) < FEWEST_STEPS:
+            got = (
+                f"episode {lengths.index(steps)}, counted from 0, has {steps}"
+                if real
+                else "got none"
+            )
+            raise InputError(f"episodes must last at least {FEWEST_STEPS} steps; {got}")
 
     def measure_time(self, real: list[Trajectory]) -> Needed:
         """The smallest sound round derives once at each horizon, and twice in whole episodes."""

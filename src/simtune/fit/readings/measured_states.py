@@ -5,7 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from simtune.fit.physics import Physics
-from simtune.fit.readings.stretches import filled, is_within, velocities
+from simtune.fit.readings.stretches import (
+    filled,
+    is_within,
+    moving_from_the_start,
+    velocities,
+)
 from simtune.fit.readings.tied_joints import follow_measured
 from simtune.observation import JointSensor, measured_places
 from simtune.parameters.backlash import play_of
@@ -57,7 +62,7 @@ class MeasuredStates:
         start of a simulated episode.
         """
         states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
-        read, nq = filled(values) - offsets, self.physics.space.nq
+        read, nq = moving_from_the_start(values) - offsets, self.physics.space.nq
         step_s = self.physics.simulator.step_s
         # Measured velocities last: they take precedence over differentiated positions
         for sensor, columns in sorted(self._columns, key=lambda part: part[0].is_velocity):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.fit.lateness import Lateness
-from simtune.fit.physics import Physics
+from simtune.fit.physics import Physics, is_lost
 from simtune.fit.readings.differences import Where, differentiate
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
@@ -21,7 +21,7 @@ from simtune.observation import (
 from simtune.simulation import Simulator
 
 MOST_EPISODES, _LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
-_TOO_FAR = 1e3  # more than any reading: such predictions come from a diverged world
+_TOO_FAR = 1e3  # from the start, more than any joint moves: such a world has diverged
 _ASTRAY = (
     "no episode can be replayed from where its readings begin: the model goes astray there. Are "
     "the readings' columns, their unit and their sign right?"
@@ -101,7 +101,8 @@ class ReplayedReadings:
         worlds = np.vstack([self._unit, self._loop.physics.parameters.to_unit(changed)])
         starts = np.repeat(self._stretches.states[None], len(worlds), 0)
         predicted, _ = self._loop.play(self._stretches, starts, worlds)
-        kept = np.asarray((np.abs(predicted) < _TOO_FAR).all((0, 2, 3)))
+        moved = np.abs(predicted - predicted[:, :, :1])
+        kept = np.asarray((moved < _TOO_FAR).all((0, 2, 3)) & ~is_lost(predicted).any(0))
         if not kept.any():
             raise RuntimeError(_ASTRAY)
         away = (predicted[1:] - predicted[0])[:, kept]

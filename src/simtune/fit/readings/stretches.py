@@ -13,6 +13,8 @@ from simtune.trajectory import Trajectory, delayed
 # Readings to which a parabola is fitted for a velocity: more of them would smooth away how a robot
 # starts to move from rest.
 _SMOOTHED = 3
+_SLOPE = np.array([-1.5, 2.0, -0.5])  # change per row of a parabola through three, at the first
+_EXTRAPOLATED = 3  # rows
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,27 @@ def filled(values: np.ndarray) -> np.ndarray:
         known = np.isfinite(line)
         line[~known] = np.interp(steps[~known], steps[known], line[known]) if known.any() else 0.0
     return filled
+
+
+def moving_from_the_start(values: np.ndarray) -> np.ndarray:
+    """The same; before a column's first reading it goes as the parabola through the next begins.
+
+    For some rows: farther away, a parabola knows nothing.
+    """
+    whole = filled(values)
+    for episode, column in np.ndindex(len(values), values.shape[2]):
+        line, known = whole[episode, :, column], np.isfinite(values[episode, :, column])
+        begins = int(np.argmax(known))
+        if known[begins : begins + 3].sum() == 3:
+            rows = np.minimum(np.arange(begins, 0, -1), _EXTRAPOLATED)
+            line[:begins] -= rows * (line[begins : begins + 3] @ _SLOPE)
+    return whole
+
+
+def unread_rows(values: np.ndarray) -> int:
+    """Most rows of (E, T, D) before a column's first reading; columns without any do not count."""
+    known = np.isfinite(values)
+    return int(np.where(known.any(1), known.argmax(1), 0).max(initial=0))
 
 
 def is_within(values: np.ndarray) -> np.ndarray:

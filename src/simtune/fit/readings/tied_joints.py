@@ -16,25 +16,40 @@ def follow_measured(model: mujoco.MjModel, states: np.ndarray, places: np.ndarra
 
         y = a₀ + a₁ x + a₂ x² + a₃ x³ + a₄ x⁴
 
-    It is used to find x from y only where it is linear. Chains of ties are followed in their order.
+    It is used to find x from y only where it is linear. A chain may be written in any order.
     """
-    measured = set(places.tolist())
-    for tie in np.flatnonzero(model.eq_active0 & (model.eq_type == _JOINTS)):
-        follower, leader = int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])
-        factors = model.eq_data[tie, :5]
-        if leader < 0 or not set(model.jnt_type[[follower, leader]]) <= set(HINGE_OR_SLIDE):
-            continue
-        if model.jnt_qposadr[leader] not in measured:
-            if factors[2:].any() or not factors[1]:
-                continue
-            factors = np.array([-factors[0], 1.0, 0, 0, 0]) / factors[1]
-            follower, leader = leader, follower
-        to, by = model.jnt_qposadr[follower], model.jnt_qposadr[leader]
-        if by not in measured or to in measured:
-            continue
-        polynomial = np.polynomial.Polynomial(factors)
-        away = states[..., by] - model.qpos0[by]
-        states[..., to] = model.qpos0[to] + polynomial(away)
-        speed, speeds = model.nq + model.jnt_dofadr[follower], model.nq + model.jnt_dofadr[leader]
-        states[..., speed] = polynomial.deriv()(away) * states[..., speeds]
-        measured.add(int(to))
+    measured, ties = set(places.tolist()), np.flatnonzero(_is_tie(model)).tolist()
+    while ties:
+        done = [tie for tie in ties if _put(model, states, measured, tie)]
+        if not done:
+            return
+        ties = [tie for tie in ties if tie not in done]
+
+
+def _is_tie(model: mujoco.MjModel) -> np.ndarray:
+    """(neq,) bool: active, of one hinge or slide to another."""
+    is_tie = model.eq_active0.astype(bool) & (model.eq_type == _JOINTS) & (model.eq_obj2id >= 0)
+    for end in (model.eq_obj1id, model.eq_obj2id):
+        is_tie[is_tie] &= np.isin(model.jnt_type[end[is_tie]], HINGE_OR_SLIDE)
+    return is_tie
+
+
+def _put(model: mujoco.MjModel, states: np.ndarray, measured: set[int], tie: int) -> bool:
+    """Put one of two tied joints where the other says, which then counts as measured; whether."""
+    follower, leader = int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])
+    factors = model.eq_data[tie, :5]
+    if model.jnt_qposadr[leader] not in measured:
+        if factors[2:].any() or not factors[1]:
+            return False
+        factors = np.array([-factors[0], 1.0, 0, 0, 0]) / factors[1]
+        follower, leader = leader, follower
+    to, by = model.jnt_qposadr[follower], model.jnt_qposadr[leader]
+    if by not in measured or to in measured:
+        return False
+    polynomial = np.polynomial.Polynomial(factors)
+    away = states[..., by] - model.qpos0[by]
+    states[..., to] = model.qpos0[to] + polynomial(away)
+    speed, speeds = model.nq + model.jnt_dofadr[follower], model.nq + model.jnt_dofadr[leader]
+    states[..., speed] = polynomial.deriv()(away) * states[..., speeds]
+    measured.add(int(to))
+    return True

@@ -5,10 +5,11 @@ import numpy as np
 from simtune.fit.readings.differences import Where, differentiate
 from simtune.fit.readings.normal_equations import normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.stretches import Readings, Stretches
+from simtune.fit.readings.stretches import Readings, Stretches, unread_rows
 from simtune.observation import usual_noise
 
 _FIRST, _ITERATIONS = 5, 3  # steps used for the initial state
+_GUESSED = 10.0  # factor on its std for each row that was not read
 
 
 def replay_whole(
@@ -33,8 +34,10 @@ def begin_whole(
     """
     whole = loop.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
     loop = loop.by_starts_alone()
-    first, noise = whole.first(_FIRST), usual_noise(loop.sensors)
+    unread = unread_rows(whole.values)
+    first, noise = whole.first(_FIRST + unread), usual_noise(loop.sensors)
     start_std, states = loop.measured.start_std(noise, first.values), first.states
+    start_std = start_std * (1 + _GUESSED * unread)
     if not len(start_std):  # only velocities are read
         return whole, states
     shift = np.zeros((len(states), len(start_std)))
