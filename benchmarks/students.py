@@ -18,7 +18,8 @@ from common import machine
 
 from simtune.agents import AgentSpec, Observation
 from simtune.agents.student import StudentConfig
-from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
+from simtune.agents.teacher_student import TeacherStudent
+from simtune.agents.teaching_schedule import TeacherStudentConfig
 from simtune.evaluation.evaluate import load_trained
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment

@@ -17,7 +17,8 @@ from tiny_search import TINY_SEARCH
 from simtune.agents import Agent, AgentSpec, make_agent
 from simtune.agents.student import StudentConfig
 from simtune.agents.teacher import TeacherConfig
-from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
+from simtune.agents.teacher_student import TeacherStudent
+from simtune.agents.teaching_schedule import TeacherStudentConfig
 from simtune.algorithm import train
 from simtune.before_after.videos import StartSearchConfig
 from simtune.config import UNTUNED, TrainConfig

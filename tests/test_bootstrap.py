@@ -31,7 +31,8 @@ from simtune.simulation import Rollouts
 from simtune.tasks import load_task
 from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.fit_verdict import conclude
-from simtune.tuning.range_update import RangeUpdateConfig, normal_curves
+from simtune.tuning.range_update import RangeUpdateConfig
+from simtune.tuning.survival_curves import normal_curves
 from simtune.vision.detector_noise import DetectorNoise
 
 SPACE = load_task("cartpole").parameters

@@ -1,7 +1,6 @@
 """Several cameras of any shape, side by side: drawn, seen, recorded and read again."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -231,8 +230,8 @@ def test_check_draws_a_picture_of_each_camera(task, tmp_path, monkeypatch):
     (tmp_path / "temp").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temp"))
     monkeypatch.setattr("simtune.checking.film.compare._own_gain", lambda _: 1.0)  # takes longest
-    module = sys.modules["simtune.checking.check"]
-    monkeypatch.setattr(module, "draw_film", lambda path, *_: path.touch())
+    draw = "simtune.checking.film.look.draw_film"
+    monkeypatch.setattr(draw, lambda path, *_: path.touch())
 
     found = check(CheckConfig(task=str(tuning), real=tmp_path / "data"))
     pictures = sorted((tmp_path / "temp").iterdir())

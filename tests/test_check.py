@@ -19,16 +19,14 @@ from simtune.checking.conclusions import conclude
 from simtune.checking.promise import promises
 from simtune.checking.recording_warnings import warnings
 from simtune.config import CheckConfig
-from simtune.fit.sensitivity import (
+from simtune.fit.camera_changes import (
     WINDOW_STEPS,
-    Sensitivity,
-    analyze,
     motion_changes,
     motion_covariance,
-    one_by_one,
     picture_changes,
     windows,
 )
+from simtune.fit.sensitivity import Sensitivity, analyze, one_by_one
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, camera_pose, colour, delay, dynamics
 from simtune.recordings import write_dataset
@@ -481,7 +479,7 @@ def test_recordings_in_json(simtune, recorded, tmp_path, monkeypatch):
     assert status == 0
     doing = [line.split("%  ")[1] for line in err.splitlines()]
     assert doing == ["reading the recordings", "comparing pictures", *CHANGING]
-    assert re.match(r" *0 s +0 %  reading", err)
+    assert re.match(r" *\d+ s +0 %  reading", err)
     result = json.loads(out)
     assert (result["episodes"], result["steps"], result["step_s"]) == (2, 30, pytest.approx(0.1))
     assert result["recordings"]["episodes"] == 2

@@ -17,7 +17,8 @@ from simtune.randomization import Distribution
 from simtune.run.files import read_json, write_json
 from simtune.tasks import load_task
 from simtune.tuning.joint import Joint
-from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, read_curves, with_fit
+from simtune.tuning.range_update import RangeUpdateConfig, read_curves
+from simtune.tuning.survival_curves import candidate_grid, with_fit
 
 SPACE = load_task("finger").parameters
 STD = 0.02  # of the first range
@@ -28,7 +29,9 @@ def a_run(path: Path, mean: np.ndarray, space: ParameterSpace = SPACE, **facts) 
     first = Distribution.first(space, space.nominal)
     grid = np.repeat(candidate_grid()[None], len(space), 0)
     config = RangeUpdateConfig()
-    curves = with_fit(np.clip(1 - grid, 0, 1), mean, np.full(len(space), STD), config)
+    curves = with_fit(
+        np.clip(1 - grid, 0, 1), mean, np.full(len(space), STD), config.posterior_net_weight
+    )
     estimate = read_curves(curves, first, first, config)
     joint = Joint.of(estimate, space)
     facts = {"task": "finger", "method": "autotune", "search": "posterior", "seed": 0} | facts

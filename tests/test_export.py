@@ -28,7 +28,8 @@ from simtune.run.files import write_json
 from simtune.run.sources import keep_sources
 from simtune.tasks import TASKS, load_task
 from simtune.tuning.joint import Joint
-from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, read_curves
+from simtune.tuning.range_update import RangeUpdateConfig, read_curves
+from simtune.tuning.survival_curves import candidate_grid
 
 # Meshes and a texture from files, two of the same name; a delay, a turn, gravity, a factor on two.
 CUBE = """

@@ -19,7 +19,8 @@ from simtune.fit import (
     fit_to_budget,
 )
 from simtune.fit.motion.shooting import Shooting, ShootingFit
-from simtune.fit.pictures.picture_fit import Pictures, fit_pictures, rounding_std
+from simtune.fit.pictures.picture_fit import Pictures, fit_pictures
+from simtune.fit.pictures.pixel_noise import rounding_std
 from simtune.fit.pictures.window_pictures import well_fitted
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from simtune.budget import Budget, OutOfTime
-from simtune.fit import FitConfig, Observed, Physics, PointEstimate, ReplayFit
+from simtune.fit import Observed, Physics, PointEstimate
 from simtune.fit.motion.linearization import LinearizationPoint, WindowPlayer
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.motion.shooting_config import Spans
+from simtune.fit.motion.two_sides import fit_from_two_sides
 from simtune.fit.motion.windows import Windows
 from simtune.fit.physics import _NOTHING_LIKE_IT
 from simtune.observation import AllEvidence
@@ -68,6 +69,8 @@ def test_a_window_that_diverges_beside_the_point_says_nothing_of_the_parameter()
 class Contraction:
     """Fits that go `1 - left` of the way to the truth; a longer horizon moves by `moved`."""
 
+    fitted = MOVING
+
     def __init__(self, truth: np.ndarray, left: float, moved: float | None):
         self.truth, self.left, self.moved = truth, left, moved
 
@@ -76,7 +79,7 @@ class Contraction:
         return self._at(self.truth + self.left * (begun - self.truth))
 
     def extend_horizon(self, observed, states, parameters, fit: ShootingFit, _) -> ShootingFit:
-        return fit if self.moved is None else self._at(fit.unit + self.moved)
+        return self._at(fit.unit + self.moved)
 
     def _at(self, unit: np.ndarray) -> ShootingFit:
         none = np.zeros(1)
@@ -85,18 +88,10 @@ class Contraction:
 
 def fit_motion(truth: np.ndarray, std: float, left: float, moved: float | None = None):
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), std))
-    fit = ReplayFit(
-        SimpleNamespace(parameters=SPACE),  # pyright: ignore
-        None,  # pyright: ignore
-        np.zeros(len(SPACE)),
-        FitConfig(),
-    )
-    setup = SimpleNamespace(
-        moving=MOVING, shooting=lambda *_, **__: Contraction(truth, left, moved)
-    )
-    fit._setup = setup  # pyright: ignore
+    shooting = Contraction(truth, left, moved)
     nothing = Observed(AllEvidence(()), np.zeros((1, 4, 1)))
-    return fit._fit_motion(nothing, np.zeros((1, 5, 4)), start, moved is not None)[:2]
+    states, until_s = np.zeros((1, 5, 4)), None if moved is None else np.inf
+    return fit_from_two_sides(shooting, SPACE, nothing, states, start, until_s)[:2]  # pyright: ignore
 
 
 def test_what_a_fit_claims_grows_with_how_far_it_had_to_go_and_outlives_a_longer_horizon():

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from simtune.cameras.distortion import distort, undistort
 from simtune.cameras.footage import PLAIN, Footage
 from simtune.cameras.lens import Lens
 from simtune.cameras.pictures import middle_square, resize
@@ -58,9 +59,10 @@ def smooth_picture(height: int, width: int) -> np.ndarray:
     ],
 )
 def test_lens_shows_points_where_opencv_does(point, pixel):
-    seen = WIDE.distort(np.array(point)) * [WIDE.fx, WIDE.fy] + [WIDE.cx, WIDE.cy]
+    seen = distort(WIDE.distortion, np.array(point)) * [WIDE.fx, WIDE.fy] + [WIDE.cx, WIDE.cy]
     np.testing.assert_allclose(seen, pixel, atol=1e-6)
-    np.testing.assert_allclose(WIDE.undistort(WIDE.distort(np.array(point))), point, atol=1e-7)
+    back = undistort(WIDE.distortion, distort(WIDE.distortion, np.array(point)))
+    np.testing.assert_allclose(back, point, atol=1e-7)
 
 
 def test_lens_without_distortion_is_a_pinhole():
@@ -77,7 +79,8 @@ def test_lens_brings_directions_back_to_where_a_pinhole_sees_them():
     lens = Lens(fx=80.0, fy=80.0, **CENTRED, distortion=(-0.28, 0.02, 0.002, -0.001, 0.01))
     y, x = np.mgrid[:64, :96]
     seen = np.stack([(x - lens.cx) / lens.fx, (y - lens.cy) / lens.fy], -1)
-    shown = lens.undistort(seen)  # the picture's colours say what direction they are seen in
+    # The picture's colours say what direction they are seen in
+    shown = undistort(lens.distortion, seen)
     picture = np.rint(128 + 150 * np.concatenate([shown, shown[..., :1]], -1)).astype(np.uint8)
     at = ((np.arange(32) + 0.5) / 16 - 1) * lens.half_sides[1]
     expected = 128 + 150 * np.stack(np.meshgrid(at, at), -1)

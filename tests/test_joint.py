@@ -12,7 +12,8 @@ from simtune.randomization import Distribution
 from simtune.tuning.combinations import combinations
 from simtune.tuning.estimate import Estimate, unsure
 from simtune.tuning.joint import Joint
-from simtune.tuning.range_update import RangeUpdateConfig, candidate_grid, quantile, read_curves
+from simtune.tuning.range_update import RangeUpdateConfig, read_curves
+from simtune.tuning.survival_curves import candidate_grid, quantile
 
 SPACE = ParameterSpace(
     [

@@ -21,7 +21,8 @@ from simtune.search_param_model.windows import Windows, split
 from simtune.simulation import Points, Rollouts, Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext
-from simtune.tuning.paper import PaperSearch, approach, shift_mean
+from simtune.tuning.mean_update import approach, shift_mean
+from simtune.tuning.paper import PaperSearch
 
 SIZE = 20
 SMALL = PaperConfig(

@@ -19,7 +19,8 @@ from simtune.parameters import (
     field_of,
     field_of_view,
 )
-from simtune.parameters.fields import FIELDS, KINDS, OBJECT_TYPES
+from simtune.parameters.field import OBJECT_TYPES
+from simtune.parameters.fields import FIELDS, KINDS
 from simtune.simulation import prepare_spec
 
 XML = """

@@ -7,19 +7,22 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.range_update import (
     RangeUpdateConfig,
+    doubted_at_edges,
+    read_curves,
+    update_range,
+)
+from simtune.tuning.survival_curves import (
     blurred,
     candidate_grid,
-    doubted_at_edges,
     normal_curves,
     quantile,
-    read_curves,
     shortest_interval,
-    update_range,
     with_fit,
 )
 
 GRID = candidate_grid()
 CONFIG = RangeUpdateConfig()
+NET_WEIGHT = CONFIG.posterior_net_weight
 
 
 def a_parameter(name: str, low: float, high: float, scale: str = "linear") -> Parameter:
@@ -139,7 +142,9 @@ def test_estimate_reads_curves_along_each_parameters_scale():
 @pytest.mark.parametrize("std", [2e-4, 2e-3])
 def test_a_sharp_fit_is_read_as_it_is(std, share):
     mean = 0.75 + share * (GRID[1] - GRID[0]) * np.ones(2)
-    estimate = read_curves(with_fit(flat(), mean, np.full(2, std), CONFIG), FIRST, FIRST, CONFIG)
+    estimate = read_curves(
+        with_fit(flat(), mean, np.full(2, std), NET_WEIGHT), FIRST, FIRST, CONFIG
+    )
     found = [FIRST.to_range_unit(v)[0] for v in (estimate.low, estimate.mean, estimate.high)]
     # The posterior network's few percent lie beside it, and widen it.
     middle, width = found[1], found[2] - found[0]
@@ -159,19 +164,25 @@ def test_interval_of_a_fit_beyond_the_grid_reaches_the_bound():
     # mass: the grid's end is 3^1.5 = 5.2, the bound 100.
     posterior_net, mean = flat(), np.array([0.5, 1.3])
     estimate = read_curves(
-        with_fit(posterior_net, mean, np.array([0.005, 0.025]), CONFIG), FIRST, FIRST, CONFIG
+        with_fit(posterior_net, mean, np.array([0.005, 0.025]), NET_WEIGHT),
+        FIRST,
+        FIRST,
+        CONFIG,
     )
     assert estimate.verdict == ["identified", "not identifiable"]
     assert estimate.low[1] <= 3**1.6 <= estimate.high[1] == 100
     below = read_curves(
-        with_fit(posterior_net, 1 - mean, np.full(2, 0.025), CONFIG), FIRST, FIRST, CONFIG
+        with_fit(posterior_net, 1 - mean, np.full(2, 0.025), NET_WEIGHT),
+        FIRST,
+        FIRST,
+        CONFIG,
     )
     assert below.low[1] == 0.01
     assert below.low[1] <= 3**-1.6 <= below.high[1]
 
 
 def test_range_widens_to_a_fit_beyond_its_edge_though_the_posterior_network_is_flat():
-    curves = with_fit(flat(), np.array([0.5, 1.15]), np.full(2, 0.01), CONFIG)
+    curves = with_fit(flat(), np.array([0.5, 1.15]), np.full(2, 0.01), NET_WEIGHT)
     moved, events = update_range(curves, FIRST, FIRST, CONFIG)
     assert moved.low[1] <= 3**1.3 <= moved.high[1]
     assert ("widened", "mass") in {(event.event, event.parameter) for event in events}

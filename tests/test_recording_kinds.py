@@ -17,7 +17,7 @@ import pytest
 
 from simtune.between_rows import typical_step_s
 from simtune.cameras.footage import Footage
-from simtune.checking.check import look_through
+from simtune.checking.recorded import look_through
 from simtune.config import RecordingsConfig
 from simtune.errors import InputError
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from simtune.cameras.distortion import distort
 from simtune.cameras.views import View
 from simtune.config import RecordConfig
 from simtune.errors import InputError
@@ -110,14 +111,15 @@ def test_a_region_behind_a_lens_has_the_directions_of_its_pixels(scene, load):
         .lens
     )
     middle = lens.turn.apply([0, 0, 1])
-    seen = lens.distort(middle[:2] / middle[2]) * [lens.fx, lens.fy] + [lens.cx, lens.cy]
+    focal, centre = [lens.fx, lens.fy], [lens.cx, lens.cy]
+    seen = distort(lens.distortion, middle[:2] / middle[2]) * focal + centre
     np.testing.assert_allclose(seen + 0.5, [130, 92.5], atol=1e-4)
     half_width, half_height = lens.half_sides
     for right, down, side, pixel in ((1, 0, 0, (60, 200)), (0, 1, 1, (40, 145))):
         # One of both sides ends at the region's edge, the other within it.
         ends = np.array([[s * right * half_width, s * down * half_height, 1] for s in (-1, 1)])
         ahead = lens.turn.apply(ends)
-        at = lens.distort(ahead[:, :2] / ahead[:, 2:]) * [lens.fx, lens.fy] + [lens.cx, lens.cy]
+        at = distort(lens.distortion, ahead[:, :2] / ahead[:, 2:]) * focal + centre
         low, high = at[:, side] + 0.5
         assert pixel[0] - 1e-6 < low + 1e-4 < pixel[0] + 6
         assert pixel[1] - 6 < high - 1e-4 < pixel[1] + 1e-6

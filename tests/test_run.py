@@ -21,7 +21,8 @@ from simtune.experiment.run import Run
 from simtune.randomization import Distribution
 from simtune.run.config import check_asked
 from simtune.run.files import read_json, read_jsonl, write_atomically, write_json
-from simtune.run.folder import RunFolder, kept_state
+from simtune.run.folder import RunFolder
+from simtune.run.kept import kept_state
 from simtune.run.real_episodes import read_real, write_real
 from simtune.run.sources import source_of
 from simtune.tasks import load_task
@@ -172,10 +173,11 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
     )
     with pytest.raises(InputError, match=says):
         check_asked(path, now)
-    with pytest.raises(
-        InputError, match=r"run with task = '\S+/tune.toml', now = 'cartpole': give"
-    ):
-        check_asked(path, {"task": "cartpole", "task_content": "5a"})
+    (tmp_path / "other.toml").write_text("another task, without a scene.xml beside it")
+    for other in ("cartpole", str(tmp_path / "other.toml")):
+        says = rf"run with task = '\S+/tune.toml', now = '{other}': give"
+        with pytest.raises(InputError, match=says):
+            check_asked(path, {"task": other, "task_content": "5a"})
     (home / "parts/link.obj").write_text("parts/link.obj")
     with pytest.raises(InputError, match=r"with another content of the task, as this version of"):
         check_asked(path, asked | {"task_content": "5a"})

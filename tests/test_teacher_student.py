@@ -10,7 +10,8 @@ import torch
 from simtune.agents import AgentSpec, Observation
 from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
-from simtune.agents.teacher_student import TeacherStudent, TeacherStudentConfig
+from simtune.agents.teacher_student import TeacherStudent
+from simtune.agents.teaching_schedule import TeacherStudentConfig, TeachingSchedule
 from simtune.errors import InputError
 from simtune.networks.layers import seeded
 from simtune.parameters import ParameterSpace
@@ -439,5 +440,5 @@ def test_short_trainings_learn_to_see_in_more_updates_a_step(detector_updates, e
     spec = replace(SPEC, total_steps=1000, first_tried=200, round_steps=10)
     shares = {"teacher_share": 0.5, "filmed_share": 0.5}  # begins at 100, then films every other
     rates = {"detector_updates_per_step": (0.05, 0.2), "detector_updates": detector_updates}
-    agent = TeacherStudent(spec, replace(SMALL, **shares, **rates))
-    assert agent._detector_updates_per_step == pytest.approx(expected)
+    schedule = TeachingSchedule.of(replace(SMALL, **shares, **rates), spec)
+    assert schedule.detector_updates_per_step == pytest.approx(expected)

@@ -12,6 +12,7 @@ import matplotlib.cbook
 import mujoco
 import numpy as np
 
+from simtune.cameras.distortion import undistort
 from simtune.cameras.lens import Lens
 from simtune.tasks import Task
 
@@ -142,7 +143,7 @@ def _distorted(frames: np.ndarray) -> np.ndarray:
     pinhole = Lens.pinhole(width, height, _PINHOLE_DEG)
     rows, columns = np.mgrid[: WRIST.height, : WRIST.width]
     seen = np.stack([(columns - WRIST.cx) / WRIST.fx, (rows - WRIST.cy) / WRIST.fy], -1)
-    x, y = np.moveaxis(WRIST.undistort(seen), -1, 0)
+    x, y = np.moveaxis(undistort(WRIST.distortion, seen), -1, 0)
     column = np.rint(x * pinhole.fx + pinhole.cx).astype(int)
     row = np.rint(y * pinhole.fy + pinhole.cy).astype(int)
     if min(column.min(), row.min()) < 0 or column.max() >= width or row.max() >= height:

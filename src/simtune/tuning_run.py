@@ -14,7 +14,7 @@ from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.progress import ReportProgress, silent
 from simtune.run.config import TIME_IS_OVER
-from simtune.run.folder import kept_state
+from simtune.run.kept import kept_state
 from simtune.tasks import AnyTask
 from simtune.tuning.search import Callbacks, Needed
 
@@ -120,9 +120,9 @@ def _refuse_if_too_short(minutes: float, other_s: float, needed: Needed) -> None
         whole_minutes = max(math.ceil((whole_s + other_s) / 60), math.ceil(enough))
         raise InputError(
             f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
-            f"{least_s:.0f} s on this machine and a whole one {whole_s:.0f} s; verdicts need "
-            f"--budget-minutes {whole_minutes}, an answer --budget-minutes {enough:g} or more"
-            + (f". {needed.mostly}" if needed.mostly else "")
+            f"{least_s:.0f} s on this machine, or twice that, and a whole one {whole_s:.0f} s; "
+            f"verdicts need --budget-minutes {whole_minutes}, an answer --budget-minutes "
+            f"{enough:g} or more" + (f". {needed.mostly}" if needed.mostly else "")
         )
     enough_s, shortened = whole_s + other_s, ""
     if 60 * minutes < _HARDLY_ENOUGH * whole_s + other_s:

@@ -4,18 +4,19 @@ Ross, Gordon and Bagnell 2011 (arXiv:1011.0686): the student acts, and learns wh
 have done in the states that the student reached. Only the student meets the real world.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 
 from simtune.agents.agent import AgentSpec, Observation
-from simtune.agents.noise import disturbed, falling, uniform_actions
+from simtune.agents.noise import disturbed, uniform_actions
 from simtune.agents.recollection import Recollection
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
-from simtune.agents.student import Student, StudentConfig
-from simtune.agents.teacher import Teacher, TeacherConfig
+from simtune.agents.student import Student
+from simtune.agents.teacher import Teacher
+from simtune.agents.teaching_schedule import TeacherStudentConfig, TeachingSchedule
 from simtune.networks.cuda_graph import graphed, make_capturable
 from simtune.networks.layers import seeded, under
 from simtune.replay import Replay, Transitions, in_parts
@@ -24,29 +25,6 @@ from simtune.replay import Replay, Transitions, in_parts
 _TAUGHT = ("states", "actions", "rewards", "discounts", "next_states", "parameters")
 _DRAWN_AT_ONCE = 32  # batches
 _LOOKED_AT = 4096  # steps whose mean and standard deviation become 0 and 1 for networks
-
-
-@dataclass(frozen=True, kw_only=True)
-class TeacherStudentConfig:
-    """Schedule of learning; shares are of steps in simulation."""
-
-    teacher: TeacherConfig = field(default_factory=TeacherConfig)
-    student: StudentConfig = field(default_factory=StudentConfig)
-    teacher_share: float = 0.8  # of the steps before the student's first trial, until it begins
-    noise_share: float = 0.4  # of all steps, over which the teacher's noise falls
-    filmed_share: float = 0.7  # of the steps after that, which are filmed
-    random_steps: int = 3_000  # at the start
-    teacher_updates_per_step: float = 0.5
-    # Bounds; within them, so many that all filmed steps together give `detector_updates`
-    detector_updates_per_step: tuple[float, float] = (0.06, 0.12)
-    detector_updates: int = 2_400
-    first_detector_factor: float = 3.0  # on the number of first updates, when it cannot see yet
-    head_updates_per_step: float = 0.25
-    remembered_episodes: int = 96  # filmed ones, from which the student learns to act
-    renewed_episodes: int = 16  # of these, in which it detects anew each time, besides new ones
-    trusting_share: float = 0.1  # of all steps, over which the student takes over from the teacher
-    noise: float = 0.1  # standard deviation, added to the student's actions in the real world
-    filmed_noise: float = 0.4  # the same in the one of the filmed worlds with the most
 
 
 class TeacherStudent:
@@ -61,14 +39,10 @@ class TeacherStudent:
         self.config = config = config or TeacherStudentConfig()
         self.device = torch.device(spec.device)
         self._privileged = torch.as_tensor(np.flatnonzero(spec.privileged), device=self.device)
-        self._total_steps, self._num_actions = spec.total_steps, spec.num_actions
-        self._num_positions = spec.num_positions
+        self._schedule = TeachingSchedule.of(config, spec)
+        self._num_actions, self._num_positions = spec.num_actions, spec.num_positions
         self._num_latest = spec.most_late * spec.num_actions
         self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
-        # Steps before the student begins: at least a round before its first trial
-        latest = (-(-spec.first_tried // spec.round_steps) - 1) * spec.round_steps - 1
-        shortest = min(1.0, spec.total_steps / 2)
-        self._begins = max(shortest, min(config.teacher_share * spec.first_tried, latest))
         self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         with seeded(spec.seed):
             self.teacher = Teacher(
@@ -76,9 +50,6 @@ class TeacherStudent:
             ).to(self.device)
             self.student = Student(spec, config.student, self._generator)
         self._begin_steps()
-        to_film = config.filmed_share * (spec.total_steps - self._begins)
-        least, most = config.detector_updates_per_step
-        self._detector_updates_per_step = min(most, max(least, config.detector_updates / to_film))
         self._recollection = Recollection(config.renewed_episodes)
         self.num_steps = self._num_filmed = 0
 
@@ -94,8 +65,8 @@ class TeacherStudent:
 
     @property
     def wants_frames(self) -> bool:
-        """Never before the student begins; then for `filmed_share` of the steps."""
-        return self._num_filmed < self.config.filmed_share * (self.num_steps - self._begins)
+        """See `TeachingSchedule`."""
+        return self._schedule.wants_frames(self.num_steps, self._num_filmed)
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """See `Agent`. A sample is the best action with noise."""
@@ -126,8 +97,8 @@ class TeacherStudent:
         elif observation.frames is None:
             actions = self._disturbed(self.teacher.act(states), self.teacher_noise)
         else:
-            trusting_steps = self.config.trusting_share * self._total_steps
-            acts_itself = self._uniform(len(states), 1) * trusting_steps < self._num_filmed
+            reached = self._uniform(len(states), 1) * self._schedule.trusting_steps
+            acts_itself = reached < self._num_filmed
             frames = torch.from_numpy(observation.frames).to(self.device)
             own = self.student.act(frames, self._latest_of(states))
             best = torch.where(acts_itself, own, self.teacher.act(states))
@@ -162,16 +133,14 @@ class TeacherStudent:
 
     def _train_student(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
         """Train its detector, then its head on what that sees in new and remembered episodes."""
-        progress = (self.num_steps - self._begins) / (self._total_steps - self._begins)
+        progress = self._schedule.progress(self.num_steps)
         detector = self._train_detector(replay, num_steps, progress)
         return {"detector": detector, "imitation": self._train_head(replay, num_steps, progress)}
 
     def _train_detector(self, replay: Replay, num_steps: int, progress: float) -> torch.Tensor:
         student, loss = self.student, torch.tensor(torch.nan)
-        num_updates = num_steps * self._detector_updates_per_step
-        if not student.num_updates:
-            num_updates *= self.config.first_detector_factor
-        for _ in range(round(num_updates)):
+        is_first = not student.num_updates
+        for _ in range(self._schedule.num_detector_updates(num_steps, is_first)):
             size = self.config.student.detector.batch_size
             frames, keypoints, states = replay.pictures(size, self._generator)
             positions = self.teacher.normalized(states)[:, : self._num_positions]
@@ -232,8 +201,7 @@ class TeacherStudent:
     @property
     def teacher_noise(self) -> float:
         """The present standard deviation of the teacher's exploration."""
-        falls_over = self.config.noise_share * self._total_steps
-        return falling(self.config.teacher.noise, self.num_steps / falls_over)
+        return self._schedule.teacher_noise(self.num_steps)
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """See `Agent`."""

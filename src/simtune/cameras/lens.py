@@ -11,15 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from simtune.cameras.distortion import check_spread, distort, undistort
 from simtune.errors import InputError
 
 _OPENCV = np.diag([1.0, -1.0, -1.0])  # axes of OpenCV in those of MuJoCo's camera
-_NEAR_ENOUGH = 1e-9  # of a direction, when iterating
-_ITERATIONS = 200
 _SQUARE, _MIDDLE_PX = 1e-3, 0.5  # tolerances for square pixels (relative) and for the centre
 _BORDER = np.linspace(-1, 1, 65)  # places along each side that have to be within the picture
 _BEYOND_PX = 0.01  # that a border may leave it, for rounding
-_RADII = 1001  # at which a lens may not fold
 _SHARES = np.linspace(1, 0, 1001)  # of a rectified picture's sides, that are tried
 
 
@@ -27,12 +25,9 @@ _SHARES = np.linspace(1, 0, 1001)  # of a rectified picture's sides, that are tr
 class Lens:
     """OpenCV's camera model: a point at (x, y, 1) before the camera is seen at pixel (u, v).
 
-        r² = x² + y²    g = 1 + k₁ r² + k₂ r⁴ + k₃ r⁶
-        u = fx (x g + 2 p₁ x y + p₂ (r² + 2 x²)) + cx
-        v = fy (y g + p₁ (r² + 2 y²) + 2 p₂ x y) + cy
+        u = fx x' + cx    v = fy y' + cy    (x', y') as `distort` says
 
-    x to the right, y down; the middle of the first pixel is at (0, 0). (OpenCV 4, calib3d; Brown
-    1966.)
+    x to the right, y down; the middle of the first pixel is at (0, 0). (OpenCV 4, calib3d.)
     """
 
     width: int  # pixels, of the pictures used for calibration
@@ -65,38 +60,6 @@ class Lens:
     def whole_fovy_deg(self) -> float:
         """Vertical field of view of the whole picture; for a pinhole."""
         return math.degrees(2 * math.atan(self.height / 2 / self.fy))
-
-    def distort(self, points: np.ndarray) -> np.ndarray:
-        """(..., 2) directions (x, y) to distorted ones, which a picture shows."""
-        k1, k2, p1, p2, k3 = self.distortion
-        x, y = points[..., 0], points[..., 1]
-        squared, product = x**2 + y**2, x * y
-        radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
-        return np.stack(
-            [
-                x * radial + 2 * p1 * product + p2 * (squared + 2 * x**2),
-                y * radial + p1 * (squared + 2 * y**2) + 2 * p2 * product,
-            ],
-            -1,
-        )
-
-    def undistort(self, seen: np.ndarray) -> np.ndarray:
-        """The inverse of `distort` for (..., 2) `seen`. Raises InputError if it is not found."""
-        points = seen.copy()
-        for _ in range(_ITERATIONS):
-            off = self.distort(points) - seen
-            if np.abs(off).max() < _NEAR_ENOUGH:
-                return points
-            points = points - 0.7 * off
-            if not np.abs(points).max() < 1e3:
-                break
-        raise self._folds()
-
-    def _folds(self) -> InputError:
-        return InputError(
-            f"distortion {list(self.distortion)} folds the picture's edge back into it; "
-            "calibrate the camera with more points near its corners"
-        )
 
     def check(self) -> None:
         """Raises InputError for a lens that gives no picture."""
@@ -144,27 +107,14 @@ class Lens:
         side = np.stack([_BORDER, np.ones_like(_BORDER)], -1)
         border = np.concatenate([side, -side, side[:, ::-1], -side[:, ::-1]]) * half_sides
         share = next(share for share in _SHARES if self._sees(share * border))
-        self._check_spread(share * border)
+        ahead = self._ahead(share * border)
+        check_spread(self.distortion, float(np.hypot(ahead[:, 0], ahead[:, 1]).max()))
         return float(share * half_sides[0]), float(share * half_sides[1])
 
     def _sees(self, points: np.ndarray) -> bool:
         """Whether the picture shows all of these (N, 2) points of the rectified one."""
         seen, size = self.seen_px(points), np.array([self.width, self.height])
         return bool(((seen >= -_BEYOND_PX) & (seen <= size + _BEYOND_PX)).all())
-
-    def _check_spread(self, border: np.ndarray) -> None:
-        """Raises InputError if directions farther from the axis are shown nearer to it.
-
-        Up to the farthest of `border`, (N, 2) of the rectified picture. A point within a fold is
-        shown at a pixel of the picture, too, which belongs to another direction.
-        """
-        ahead = self._ahead(border)
-        farthest = np.hypot(ahead[:, 0], ahead[:, 1]).max()
-        squared = np.linspace(0, farthest, _RADII) ** 2
-        k1, k2, _, _, k3 = self.distortion
-        spread = 1 + squared * (3 * k1 + squared * (5 * k2 + squared * 7 * k3))
-        if not (spread > 0).all():
-            raise self._folds()
 
     def _around_the_region(self) -> tuple[float, float]:
         assert self.region is not None
@@ -183,7 +133,7 @@ class Lens:
     def _towards(self, corner_px) -> np.ndarray:
         """(..., 2) directions of points that are `corner_px` from the picture's corner."""
         middle, focal = np.array([self.cx, self.cy]), np.array([self.fx, self.fy])
-        return self.undistort((np.asarray(corner_px) - 0.5 - middle) / focal)
+        return undistort(self.distortion, (np.asarray(corner_px) - 0.5 - middle) / focal)
 
     def _around_the_axis(self) -> tuple[float, float]:
         x, y = ((np.array([-0.5, n - 0.5]) - c) / f for n, c, f in self._axes)
@@ -192,8 +142,8 @@ class Lens:
                 f"the optical axis, at pixel ({self.cx:g}, {self.cy:g}), is outside of the picture"
                 f" of {self.width}×{self.height}"
             )
-        along_x = self.undistort(np.array([[x[0], 0], [x[1], 0]]))[:, 0]
-        along_y = self.undistort(np.array([[0, y[0]], [0, y[1]]]))[:, 1]
+        along_x = undistort(self.distortion, np.array([[x[0], 0], [x[1], 0]]))[:, 0]
+        along_y = undistort(self.distortion, np.array([[0, y[0]], [0, y[1]]]))[:, 1]
         return float(np.abs(along_x).min()), float(np.abs(along_y).min())
 
     @property
@@ -212,7 +162,7 @@ class Lens:
 
         In pixels from the corner of the calibration's pictures.
         """
-        seen = self.distort(self._ahead(points))
+        seen = distort(self.distortion, self._ahead(points))
         return seen * [self.fx, self.fy] + [self.cx + 0.5, self.cy + 0.5]
 
     def _ahead(self, points: np.ndarray) -> np.ndarray:

@@ -85,7 +85,7 @@ def _interrupted(command: Any, began_s: float) -> str:
     if not _is_torch_loaded():  # nor can it be loaded now, once that was interrupted
         return "interrupted before it began: nothing is lost"
     from simtune.report.words import duration
-    from simtune.run.folder import kept_since, kept_state
+    from simtune.run.kept import kept_since, kept_state
 
     state = kept_state(command.out)
     lost = duration(time.time() - max(began_s, kept_since(command.out) or 0.0))

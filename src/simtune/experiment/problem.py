@@ -19,7 +19,7 @@ from simtune.real.observed import observed
 from simtune.real.recorded import ClosedReal, RecordedReal
 from simtune.real.truth import Truth
 from simtune.run.config import check_asked
-from simtune.run.folder import stored_state
+from simtune.run.kept import stored_state
 from simtune.simulation import AnySimulator, Points
 from simtune.tasks import AnyTask, known_values
 from simtune.trajectory import Trajectory
@@ -82,12 +82,7 @@ def build_problem(
     tunes = isinstance(config, TuneConfig)
     if not trained:
         check_asked(config.out, outcome.asked(config, task))
-    if trained and config.real != "pseudo":
-        real, start, truth = _closed_real(config, task, trained["step_s"])
-    else:
-        real, start, truth = choose_real(
-            config, task, image_size, real_episodes=num_recorded, out=config.out
-        )
+    real, start, truth = _real_world(config, task, image_size, num_recorded, trained)
     is_read = tunes or (num_recorded != 0 and isinstance(real, RecordedReal))
     recordings = real.collect(num_recorded) if is_read else []
     run_config, seen = outcome.run_config(config, task, start, real.facts, truth), real.observation
@@ -113,10 +108,18 @@ def build_problem(
     )
 
 
-def _closed_real(config: TuneConfig | TrainConfig, task: AnyTask, step_s: float) -> ChosenReal:
-    """What stands for a world that a camera filmed, and that is not filmed again."""
+def _real_world(
+    config: TuneConfig | TrainConfig,
+    task: AnyTask,
+    image_size: int,
+    num_recorded: int | None,
+    trained: Mapping[str, Any] | None,
+) -> ChosenReal:
+    """What was asked for; what a camera filmed for a checkpoint `trained` is not filmed again."""
+    if not trained or config.real == "pseudo":
+        return choose_real(config, task, image_size, real_episodes=num_recorded, out=config.out)
     seen = observed(task, config.observed, is_simulated=False)
-    return ChosenReal(ClosedReal(step_s, seen), task.parameters.nominal.copy(), None)
+    return ChosenReal(ClosedReal(trained["step_s"], seen), task.parameters.nominal.copy(), None)
 
 
 def _simulator_like(

@@ -14,6 +14,7 @@ from simtune.fit.lateness import is_too_late, states_in_late_pictures
 from simtune.fit.line_up import line_up
 from simtune.fit.motion.estimator import StateEstimator
 from simtune.fit.motion.shooting import ShootingFit
+from simtune.fit.motion.two_sides import TwoSidedFit, fit_from_two_sides
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.pictures.picture_fit import PictureFit
@@ -25,8 +26,6 @@ from simtune.fit.sizing import FitConfig, fit_to_budget
 
 _SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: no fit is exact
 _FEWEST_TO_FIT = 2  # episodes
-_SIDESTEP = (0.01, 0.1)  # bounds of the offset from a start, in unit coordinates
-_FARTHEST = 2.0  # cap on the factor by which a long way from the start widens the error
 
 
 def num_fitted(num_episodes: int) -> int:
@@ -94,17 +93,23 @@ class ReplayFit:
             setup, observed, fitted, start, latencies
         )
         to_fit = observed.episodes(fitted)
-        until_s = until_s if extend_horizon else None
-        motion, apart, short = self._fit_motion(to_fit, states[fitted], start, until_s)
-        unit = self.space.to_unit(start.parameters)
-        unit[moving] = motion.unit
-        pictures = self._fit_pictures(to_fit, short, self.space.from_unit(unit))
+        motion = fit_from_two_sides(
+            setup.shooting(moving, lateness=observed.lateness),
+            self.space,
+            to_fit,
+            states[fitted],
+            start,
+            until_s if extend_horizon else None,
+        )
+        best, unit = motion.best, self.space.to_unit(start.parameters)
+        unit[moving] = best.unit
+        pictures = self._fit_pictures(to_fit, motion.short, self.space.from_unit(unit))
         unit[self._appearance] = pictures.unit
         parameters = self.space.from_unit(unit)
         test = setup.shooting(moving[:0], lateness=observed.lateness).fit(
             observed.episodes(held_out), states[held_out], parameters
         )
-        std, correlation = self._claimed(start, motion, apart, pictures)
+        std, correlation = self._claimed(start, motion, pictures)
         return FitResult(
             parameters=parameters,
             std=std,
@@ -113,15 +118,15 @@ class ReplayFit:
             is_moving=~self.space.is_appearance,
             misfit=Misfit(test.distances, tuple(pictures.noise.tolist())),
             sensors=tuple((part.name, part.unit) for part in observed.evidence.parts),
-            starts=self._starts(observed, states, unit, (motion, fitted), (test, held_out)),
+            starts=self._starts(observed, states, unit, (best, fitted), (test, held_out)),
             latency_steps=latency_steps,
             rough_std=np.where(self.space.is_appearance, 0.0, start.std),
             offsets=offsets,
             known=self._appearance[self._photometry.is_known[self._appearance]],
             responses=pictures.responses,
             held_out=kept if kept < num else None,
-            late_s=setup.physics.simulator.step_s * np.array([motion.late_steps, motion.late_std]),
-            is_too_late=is_too_late(motion.late_steps),
+            late_s=setup.physics.simulator.step_s * np.array([best.late_steps, best.late_std]),
+            is_too_late=is_too_late(best.late_steps),
             held=np.array(setup.config.held, int),
         )
 
@@ -143,11 +148,11 @@ class ReplayFit:
         )
 
     def _claimed(
-        self, start: PointEstimate, motion: ShootingFit, apart: np.ndarray, pictures: PictureFit
+        self, start: PointEstimate, motion: TwoSidedFit, pictures: PictureFit
     ) -> tuple[np.ndarray, np.ndarray]:
         """(N,) standard deviations and (N, N) correlation; held parameters keep their std."""
         std = start.std.copy()
-        covariance = motion.covariance + np.outer(apart, apart)
+        covariance = motion.covariance
         std[self._setup.moving] = np.sqrt(np.diag(covariance))
         std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
         kinds = np.where(self.space.is_appearance, "appearance", "moving")
@@ -183,33 +188,3 @@ class ReplayFit:
         fit = copy.copy(self)
         fit._setup = replace(self._setup, **changed)
         return fit
-
-    def _fit_motion(
-        self, observed: Observed, states: np.ndarray, start: PointEstimate, until_s: float | None
-    ) -> tuple[ShootingFit, np.ndarray, ShootingFit]:
-        """Fit from below and above the start: the middle, and (P,) its estimated error, with signs.
-
-        The error is half the difference of the two results, or up to that distance if the middle
-        moved farther from the start than the two began. If the horizon is extended from the middle,
-        that result replaces it; half of the change counts as an error, too, since longer windows
-        may be as biased as the short ones were. `until_s`: see `extend_horizon`; None: no longer
-        windows. Also returns the fit of the short windows, whose states are closer to the pictures.
-        """
-        shooting = self._setup.shooting(self._setup.moving, lateness=observed.lateness)
-        unit = self.space.to_unit(start.parameters)
-        fits, aside = [], np.clip(start.std, *_SIDESTEP)
-        for side in (-1, 1):
-            begin = unit.copy()
-            begin[self._setup.moving] += side * aside[self._setup.moving]
-            fits.append(shooting.fit(observed, states, self.space.from_unit(begin)))
-        better = min(fits, key=lambda fit: float(np.median(fit.misfit)))
-        one, other = (fit.unit for fit in fits)
-        middle = replace(better, unit=(one + other) / 2)
-        went = np.abs(middle.unit - unit[self._setup.moving]) / aside[self._setup.moving]
-        off = (one - other) / 2 * np.clip(went, 1, _FARTHEST)
-        if until_s is not None:
-            extended = shooting.extend_horizon(observed, states, start.parameters, middle, until_s)
-            if extended is not middle:
-                misled = (extended.unit - middle.unit) / 2
-                return extended, np.where(np.abs(misled) > np.abs(off), misled, off), middle
-        return middle, off, middle

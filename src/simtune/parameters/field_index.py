@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 
 from simtune.errors import InputError, UnknownName
-from simtune.parameters.fields import OBJECT_TYPES, field_of
+from simtune.parameters.field import OBJECT_TYPES
+from simtune.parameters.fields import field_of
 from simtune.parameters.parameter import Parameter
 from simtune.parameters.space import ParameterSpace
 

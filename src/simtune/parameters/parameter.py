@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.parameters.fields import KINDS, Field, field_of
+from simtune.parameters.field import Field
+from simtune.parameters.fields import KINDS, field_of
 
 _LONGEST_DELAY_S = 10.0  # a longer delay must be a mistake of units
 

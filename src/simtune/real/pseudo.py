@@ -7,7 +7,14 @@ import numpy as np
 from simtune.observation import ObservationModel
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
-from simtune.simulation import AnySimulator, FrameStacker, PixelPolicy, acting_late, on_pictures
+from simtune.simulation import (
+    AnySimulator,
+    FrameStacker,
+    PixelPolicy,
+    Rollouts,
+    acting_late,
+    on_pictures,
+)
 from simtune.trajectory import Trajectory
 
 
@@ -74,7 +81,7 @@ def _film_exploring(
 
     Raises RuntimeError if all diverge.
     """
-    delay_steps, step_s = gap.delay_steps if gap else 0, simulator.step_s
+    delay_steps = gap.delay_steps if gap else 0
     explore = simulator.explore(len(worlds), num_steps, rng)
 
     def command(t: int, states: np.ndarray) -> np.ndarray:
@@ -94,16 +101,26 @@ def _film_exploring(
         actions=rollouts.actions[:, delay_steps:],
         observed=rollouts.observed[:, : num_steps + 1],
     )
-    if not gap:
-        return observation.record(simulator, seen, rng)
-    # The gap's cameras have their own noise.
+    return _filmed(simulator, seen, rng, gap, observation)
+
+
+def _filmed(
+    simulator: AnySimulator,
+    seen: Rollouts,
+    rng: np.random.Generator,
+    gap: RealityGap | None,
+    observation: ObservationModel,
+) -> list[Trajectory]:
+    """Trajectories of rollouts; a gap's cameras have their own noise."""
     films = [camera.footage for camera in observation.cameras]
-    drawn = ObservationModel.of_simulator(observation.sensors, films)
-    if not films:
-        return drawn.record(simulator, seen, rng)
+    if gap:
+        observation = ObservationModel.of_simulator(observation.sensors, films)
+    recorded = observation.record(simulator, seen, rng)
+    if not gap or not films:
+        return recorded
     return [
-        replace(filmed, frames=gap.film(filmed.frames, step_s, rng))
-        for filmed in drawn.record(simulator, seen, rng)
+        replace(filmed, frames=gap.film(filmed.frames, simulator.step_s, rng))
+        for filmed in recorded
     ]
 
 

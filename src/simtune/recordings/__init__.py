@@ -1,7 +1,7 @@
 """Recordings of a robot: reads several kinds of datasets, writes LeRobotDataset v3.0 and video."""
 
-from simtune.recordings.arrays import check_episode
 from simtune.recordings.dataset import Dataset
+from simtune.recordings.episode_arrays import check_episode
 from simtune.recordings.lerobot import write_dataset
 from simtune.recordings.open import open_dataset
 from simtune.recordings.video import decode, frames_at, probe

@@ -1,5 +1,6 @@
 """config.json: the configuration of a run, and checks that a command has the same one."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
@@ -116,6 +117,8 @@ def _other_contents(
         words["real"] = ""
     if tasks := {"task_content", "policy_content"}.intersection(differing):
         files = changed_sources(path, stored, str(now.get("task")))
+        if str(now.get("task")) in files and not all(map(os.path.exists, files)):
+            files = []  # another task, not this one with changes
         said = "another content of the task, as this version of simtune or MuJoCo reads it"
         if readers := changed_readers(stored):
             said += f" ({readers})"

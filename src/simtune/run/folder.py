@@ -25,15 +25,14 @@ import torch
 
 from simtune.errors import InputError
 from simtune.run import checkpoint
-from simtune.run.config import check_same, stored_config
 from simtune.run.files import plain, write_atomically, write_json
+from simtune.run.kept import CHECKPOINTS, stored_run
 from simtune.run.logs import RunLogs
 from simtune.run.sources import keep_sources, named_sources
 from simtune.run.versions import changed_versions, versions
 
 POSTERIOR = "posterior.npz"
 REPLAY = "replay.json"
-_CHECKPOINTS = "checkpoints"
 _NUM_LINES = "log_lines"  # key of {log: number of lines} in a checkpoint's state
 
 log = logging.getLogger(__name__)
@@ -67,7 +66,7 @@ class RunFolder:
         """
         path = Path(path)
         try:
-            stored = _stored_run(path, config)
+            stored = stored_run(path, config)
             path.mkdir(parents=True, exist_ok=True)
             run = cls(path, resumed=stored is not None)
             root = (stored or {}).get("sources") or keep_sources(path, sources)
@@ -94,7 +93,7 @@ class RunFolder:
 
     @property
     def _checkpoints(self) -> Path:
-        return self.path / _CHECKPOINTS
+        return self.path / CHECKPOINTS
 
     def write_result(self, result: Mapping[str, Any]) -> None:
         """Replace result.json."""
@@ -161,39 +160,6 @@ def _content(
     created = (stored or {}).get("created") or datetime.now(UTC).isoformat(timespec="seconds")
     config |= named_sources(stored or {})
     return {"config": config, "versions": versions(), "created": created, "sources": root}
-
-
-def stored_state(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The state from which `RunFolder.create` would resume; None: a new run. Writes nothing.
-
-    Raises InputError like `create`.
-    """
-    try:
-        if _stored_run(path, config) is None:
-            return None
-        return kept_state(path)  # `create` warns of damaged checkpoints
-    except OSError as error:
-        raise InputError(f"cannot read the run folder {path}: {error.strerror}") from error
-
-
-def kept_state(path: Path) -> dict[str, Any] | None:
-    """The state of a run's newest sound checkpoint; None if there is none."""
-    newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)
-    return checkpoint.load_state(newest) if newest else None
-
-
-def kept_since(path: Path) -> float | None:
-    """Time of the newest sound checkpoint, in seconds since 1970; None if there is none."""
-    newest = checkpoint.newest(path / _CHECKPOINTS, warn=False)
-    return newest.stat().st_mtime if newest else None
-
-
-def _stored_run(path: Path, config: Mapping[str, Any]) -> dict[str, Any] | None:
-    """config.json of the run at `path`; None: a new run. Raises InputError if `config` differs."""
-    stored = stored_config(path)
-    if stored is not None:
-        check_same(path, stored, plain(config))
-    return stored
 
 
 def _lock(path: Path) -> int:

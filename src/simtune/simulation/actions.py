@@ -17,6 +17,7 @@ from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
 from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.simulation.action_numbers import each, finite_range
 from simtune.simulation.servos import position_servos
 
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
@@ -91,7 +92,7 @@ class ScaledActions(ActionMapping):
             self._offset = controls[:, 0] - self._gain * self.range[:, 0]
             self.is_limited = limited
         else:
-            self._gain, self._offset = _each("gain", gain, ids), _each("offset", offset, ids)
+            self._gain, self._offset = each("gain", gain, ids), each("offset", offset, ids)
             if not self._gain.all():
                 raise InputError("a gain of 0 moves nothing: leave that actuator out")
             covering = np.sort((controls - self._offset[:, None]) / self._gain[:, None], axis=1)
@@ -142,7 +143,7 @@ class JointActions(ActionMapping):
                     "use another mapping"
                 )
         self._places = model.jnt_qposadr[joints]
-        self._per_unit = _each("per_unit", per_unit, ids)
+        self._per_unit = each("per_unit", per_unit, ids)
         self.range = finite_range(action_range, len(ids))
         self.is_limited = np.full(len(ids), True)
 
@@ -193,40 +194,3 @@ def _among_others(batch: Batch, places: np.ndarray, controls: np.ndarray) -> np.
     merged = batch.ctrl.copy()
     merged[:, places] = controls
     return merged
-
-
-def _each(what: str, given: np.ndarray | Sequence[float] | float, ids: np.ndarray) -> np.ndarray:
-    """(A,) a number for each action, from one or from as many."""
-    values = _numbers(given)
-    if values.ndim and values.shape != ids.shape:
-        count = f"{len(ids)} of them, one for each action"
-        raise InputError(f"{what} must be a number, or {count}; got {given}")
-    return np.broadcast_to(values, ids.shape)
-
-
-def _numbers(given: np.ndarray | Sequence | float) -> np.ndarray:
-    """An array; an empty (0, 0) one for ragged lists, which no caller accepts."""
-    try:
-        return np.array(given, float)
-    except ValueError:
-        return np.empty((0, 0))
-
-
-def finite_range(given: np.ndarray | Sequence | None, num: int) -> np.ndarray:
-    """(num, 2) from None, one pair or as many. Raises InputError."""
-    pairs = checked_range([-1.0, 1.0] if given is None else given, num)
-    if not np.isfinite(pairs).all():
-        raise InputError(f"actions are drawn from their range: it must be finite, got {given}")
-    return pairs
-
-
-def checked_range(given: np.ndarray | Sequence, num: int) -> np.ndarray:
-    """(num, 2) from one pair or as many, whose ends may be infinite. Raises InputError."""
-    pairs = _numbers(given)
-    if pairs.shape not in ((2,), (num, 2)):
-        raise InputError(
-            f"expected a range [low, high] or {num} of them, one for each action; got {given}"
-        )
-    if not (pairs[..., 0] < pairs[..., 1]).all():
-        raise InputError(f"a range's low must be below its high, got {given}")
-    return np.broadcast_to(pairs, (num, 2))

@@ -8,7 +8,8 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
-from simtune.simulation.actions import ActionMapping, checked_range, finite_range
+from simtune.simulation.action_numbers import checked_range, finite_range
+from simtune.simulation.actions import ActionMapping
 
 _AXES = "xyz"
 _WELD, _CONNECT = mujoco.mjtEq.mjEQ_WELD.value, mujoco.mjtEq.mjEQ_CONNECT.value

@@ -20,8 +20,9 @@ from simtune.fit import (
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.learning import Learned
-from simtune.tuning.range_update import RangeUpdateConfig, blurred, read_curves, with_fit
+from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.search import SearchContext
+from simtune.tuning.survival_curves import blurred, with_fit
 
 
 def conclude_by_networks(
@@ -44,7 +45,7 @@ def conclude(
     """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
     space, trusted = searched.space, calibrated(fit, bootstrap, searched.space)
     mean, std = to_range_units(trusted, searched)
-    curves = with_fit(prob_higher, mean, std, config)
+    curves = with_fit(prob_higher, mean, std, config.posterior_net_weight)
     read = read_curves(curves, searched, first, config)
     is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
     at_bounds = bound_warnings(space, space.to_unit(fit.parameters), is_fitted)

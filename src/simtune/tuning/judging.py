@@ -21,9 +21,10 @@ from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.fit_verdict import conclude
 from simtune.tuning.learning import Learned, Learning
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import point_estimate, read_curves
+from simtune.tuning.range_update import read_curves
 from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning.search import Callbacks, SearchContext
+from simtune.tuning.survival_curves import point_estimate
 
 _FITS_SHARE = 0.9  # of the time then left, for a fit and its refits
 _FEWEST_FITS = 2  # within that time: the real fit and one refit

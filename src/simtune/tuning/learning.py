@@ -16,7 +16,7 @@ from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.trajectory import Trajectory
 from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import candidate_grid
+from simtune.tuning.survival_curves import candidate_grid
 from simtune.tuning.world_sampler import WorldSampler
 
 _NEAR = 2.5  # standard deviations from a start, within which worlds resemble the real one

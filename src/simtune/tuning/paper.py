@@ -15,13 +15,13 @@ from simtune.networks.layers import (
     seeded,
     under,
 )
-from simtune.parameters import ParameterSpace
-from simtune.randomization import Distribution, size_of
+from simtune.randomization import Distribution
 from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import unsure
+from simtune.tuning.mean_update import approach, arrivals, shift_mean
 from simtune.tuning.search import (
     NO_CALLBACKS,
     Callbacks,
@@ -36,39 +36,6 @@ _NOT_MOVED = (
     "it has collected its first episodes and learnt from them: give it more minutes, or leave out "
     "--search paper."
 )
-
-
-def shift_mean(
-    mean: np.ndarray,
-    prob_higher: np.ndarray,
-    step_size: float,
-    space: ParameterSpace,
-    start: np.ndarray | None = None,
-) -> np.ndarray:
-    """ξ_mean + α·(p̄ − ½)·ξ_mean: up to half of α up or down (Algorithm 1, last line).
-
-    The paper adds α·q_φ, which could only grow. Its authors' code subtracts ½, as here. What is 0
-    at the `start` moves by a share of a tenth of its bounds, see `size_of`.
-    """
-    size = size_of(space, mean, start)
-    return _keep_in_bounds(mean + step_size * (prob_higher - 0.5) * size, space)
-
-
-def approach(
-    mean: np.ndarray, prediction: np.ndarray, step_size: float, space: ParameterSpace
-) -> np.ndarray:
-    """(1 − α)·ξ_mean + α·prediction: the regression baseline (Sec. VI-A)."""
-    return _keep_in_bounds((1 - step_size) * mean + step_size * prediction, space)
-
-
-def _keep_in_bounds(mean: np.ndarray, space: ParameterSpace) -> np.ndarray:
-    return np.maximum(space.clip(mean), _lowest(space))
-
-
-def _lowest(space: ParameterSpace) -> np.ndarray:
-    """(N,) smallest values of a mean."""
-    # A proportional step cannot leave 0; for colours this is the authors' floor of 1e-3.
-    return np.where(space.low > 0, space.low, 1e-3 * space.high)
 
 
 class PaperSearch:
@@ -203,7 +170,7 @@ class PaperSearch:
         if may_move:
             self.num_moves += 1
             self.distribution = self.distribution.around(moved, self.config.range_spm)
-            events = _arrivals(mean, self.distribution)
+            events = arrivals(mean, self.distribution)
         return events, {f"{key}/{n}": v for n, v in self.space.to_dict(answer).items()}
 
     def check(self, real: list[Trajectory]) -> None:
@@ -243,16 +210,3 @@ class PaperSearch:
         self.distribution = self.distribution.around(mean, range_)
         self.num_moves = state["num_moves"]
         self._rng.bit_generator.state = state["rng"]
-
-
-def _arrivals(before: np.ndarray, now: Distribution) -> list[Event]:
-    """An event for each parameter whose mean has reached a bound; means move in every round."""
-    events = []
-    lowest, highest = _lowest(now.space), now.space.high
-    for i, parameter in enumerate(now.space):
-        for bound, side in ((lowest[i], "lower"), (highest[i], "upper")):
-            if now.mean[i] == bound != before[i]:
-                reason = f"its mean has come to the {side} bound"
-                low, high = float(now.low[i]), float(now.high[i])
-                events.append(Event("moved", parameter.name, low, high, reason))
-    return events

@@ -20,8 +20,9 @@ from simtune.observation import ObservationModel, declared_noise, joints_of, usu
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
-from simtune.tuning.range_update import RangeUpdateConfig, normal_curves, read_curves
+from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.readings_fits import FAR_MORE, BestDescent, unexplained
+from simtune.tuning.survival_curves import normal_curves
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates
@@ -71,11 +72,7 @@ def conclude(
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     space = first.space
     std, correlation = _errors(judged, found, space, observation)
-    mean, ends = space.from_unit(judged.unit), judged.unit + _SEEN_WIDTH * np.array([-std, std])
-    low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
-    seen = first.with_interval(mean, low, high)
-    curves = normal_curves(seen.to_range_unit(mean), std / seen.unit_width)
-    read = read_curves(curves, seen, first, RangeUpdateConfig())
+    read, seen = _read(judged.unit, std, first)
     is_late = is_too_late(judged.late_steps[0])
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
     is_sure = found.is_sure and not is_late
@@ -84,7 +81,7 @@ def conclude(
     doubtful[~space.is_appearance] |= judged.shares[:, off].sum(1) > _MAINLY
     estimate = replace(
         read,
-        mean=mean,
+        mean=space.from_unit(judged.unit),
         verdict=at_most_weak(read.verdict, doubtful),
         correlation=correlation,
         correlations=correlated_pairs(correlation, space),
@@ -101,6 +98,19 @@ def conclude(
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )
     return estimate, seen
+
+
+def _read(unit: np.ndarray, std: np.ndarray, first: Distribution) -> tuple[Estimate, Distribution]:
+    """Of (N,) values and standard deviations in unit coordinates: what their normal curves say.
+
+    Also the range in which the curves are drawn.
+    """
+    space = first.space
+    mean, ends = space.from_unit(unit), unit + _SEEN_WIDTH * np.array([-std, std])
+    low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
+    seen = first.with_interval(mean, low, high)
+    curves = normal_curves(seen.to_range_unit(mean), std / seen.unit_width)
+    return read_curves(curves, seen, first, RangeUpdateConfig()), seen
 
 
 def _errors(

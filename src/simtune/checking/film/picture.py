@@ -39,6 +39,11 @@ def new_file(which: str = "") -> Path:
     return Path(name)
 
 
+def named(pictures: Path | None, which: str) -> Path | None:
+    """The file that was asked for, if any, with `which` at the end of its name."""
+    return pictures and pictures.with_stem(pictures.stem + which)
+
+
 class Shown(NamedTuple):
     """What one camera filmed, and what a simulator's would."""
 

@@ -1,5 +1,7 @@
 """First guess at the states behind observations: a small convolutional network over time."""
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from torch import nn
@@ -44,26 +46,10 @@ class StateEstimator:
         generator = torch.Generator().manual_seed(seed)
         num_trained = max(1, int(len(states) * _TRAINED_SHARE))
         inputs = _inputs(observed, np.asarray(action_scale))
-        features = space.features(states)
-        flat = features[:num_trained].reshape(-1, features.shape[-1])
-        # One object that is flung away would widen the scale until all other states look alike.
-        flat = flat.clip(*np.quantile(flat, _USUAL, axis=0))
-        mean, std = flat.mean(0), flat.std(0) + 1e-6
-        goal = ((features - mean) / std).clip(-_FARTHEST, _FARTHEST)
-        goal = torch.tensor(goal, dtype=torch.float32).transpose(1, 2)
+        mean, std, goal = _goals(space.features(states), num_trained)
         with seeded(seed):
             network = _Network(inputs.shape[1], mean, std)
-        crop = min(_CROP, inputs.shape[-1])
-
-        def draw_loss() -> torch.Tensor:
-            which = torch.randint(num_trained, (_BATCH,), generator=generator)[:, None, None]
-            last = inputs.shape[-1] - crop
-            start = torch.randint(last + 1, (_BATCH,), generator=generator)[:, None, None]
-            at = start + torch.arange(crop)
-            given = inputs[which, torch.arange(inputs.shape[1])[:, None], at]
-            wanted = goal[which, torch.arange(goal.shape[1])[:, None], at]
-            return F.smooth_l1_loss(network(given), wanted, beta=_LINEAR_ERRORS)
-
+        draw_loss = _loss_of_crops(network, inputs, goal, num_trained, generator)
         train_network(network, draw_loss, clock, _LEARNING_RATE)
         estimator = cls(space, action_scale, network)
         kept = slice(num_trained, None)
@@ -85,6 +71,38 @@ def _inputs(observed: Observed, action_scale: np.ndarray) -> torch.Tensor:
     actions = np.concatenate([observed.actions, last], 1) / action_scale
     inputs = np.concatenate([observed.evidence.features, actions], -1)
     return torch.tensor(inputs, dtype=torch.float32).transpose(1, 2)
+
+
+def _goals(features: np.ndarray, num_trained: int) -> tuple[np.ndarray, np.ndarray, torch.Tensor]:
+    """(F,) mean and (F,) std of (E, T, F) features, those trained on; and (E, F, T) normalised."""
+    flat = features[:num_trained].reshape(-1, features.shape[-1])
+    # One object that is flung away would widen the scale until all other states look alike.
+    flat = flat.clip(*np.quantile(flat, _USUAL, axis=0))
+    mean, std = flat.mean(0), flat.std(0) + 1e-6
+    goal = ((features - mean) / std).clip(-_FARTHEST, _FARTHEST)
+    return mean, std, torch.tensor(goal, dtype=torch.float32).transpose(1, 2)
+
+
+def _loss_of_crops(
+    network: "_Network",
+    inputs: torch.Tensor,
+    goal: torch.Tensor,
+    num_trained: int,
+    generator: torch.Generator,
+) -> Callable[[], torch.Tensor]:
+    """Draws the loss of random crops of (E, S, T) inputs and (E, F, T) goals."""
+    crop = min(_CROP, inputs.shape[-1])
+
+    def draw_loss() -> torch.Tensor:
+        which = torch.randint(num_trained, (_BATCH,), generator=generator)[:, None, None]
+        last = inputs.shape[-1] - crop
+        start = torch.randint(last + 1, (_BATCH,), generator=generator)[:, None, None]
+        at = start + torch.arange(crop)
+        given = inputs[which, torch.arange(inputs.shape[1])[:, None], at]
+        wanted = goal[which, torch.arange(goal.shape[1])[:, None], at]
+        return F.smooth_l1_loss(network(given), wanted, beta=_LINEAR_ERRORS)
+
+    return draw_loss
 
 
 class _Network(nn.Module):

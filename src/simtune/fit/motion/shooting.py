@@ -9,15 +9,14 @@ period late.
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE
 from simtune.fit.lateness import Lateness
+from simtune.fit.motion.actuator_replay import ActuatorReplay
 from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.linearization import LinearizationPoint
 from simtune.fit.motion.shooting_config import DERIVED_EVERY, ShootingConfig, Stage
@@ -32,7 +31,6 @@ _FIRST_DAMPING = 1e-2
 _DERIVED_EVERY_WITH_LAGS = 2
 _FULL_STEPS = 3  # iterations of a stage; later ones take half of each parameter step
 _EXTENDED_BLUR = 3.0
-_LAG_DELTA = 0.01  # in unit coordinates
 _ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
 _AS_WELL = 1.0  # tolerated rise of −log likelihood: distances about half as large again
 
@@ -89,8 +87,8 @@ class Shooting:
     def fit(self, observed: Observed, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
         """From first guesses at the (E, T + 1, nq + nv) states and the (N,) parameters."""
         unit = self._begin(parameters)
-        replay = partial(self._replay_actuators, observed.actions, states)
-        windows = self._cut(observed, states, unit)
+        replay = self._replay(observed, states)
+        windows = self._cut(observed, states, replay(unit))
         return self._result(self._descend(windows, unit, self.config.stages, replay))
 
     def extend_horizon(
@@ -123,8 +121,8 @@ class Shooting:
             unit[self.fitted] = found.unit
             unit[len(self._physics.parameters) :] = Lateness.unit(found.late_steps)
             improved = self._improved(states, found)
-            longer = self._cut(observed, improved, unit, window)
-            replay = partial(self._replay_actuators, observed.actions, improved)
+            replay = self._replay(observed, improved)
+            longer = self._cut(observed, improved, replay(unit), window)
             # Blurred at first: a motion that ends far away after such a time is no outlier yet.
             count = config.longer_iterations
             stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
@@ -144,7 +142,7 @@ class Shooting:
         windows' initial states are unknown, and FIRST_VARIANCE is the variance between windows.
         """
         unit, num = self._begin(parameters), len(self.fitted)
-        windows = self._cut(observed, states, unit)
+        windows = self._cut(observed, states, self._replay(observed, states)(unit))
         point = LinearizationPoint(
             windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE
         )
@@ -159,9 +157,9 @@ class Shooting:
         whole: Windows,
         unit: np.ndarray,
         stages: tuple[Stage, ...],
-        replay: Callable[[np.ndarray], np.ndarray],
+        replay: ActuatorReplay,
     ) -> _Ended:
-        """From unknowns in unit coordinates; `replay` is `_replay_actuators` as their function."""
+        """From unknowns in unit coordinates; `replay`: of the episodes of the windows."""
         windows, hessian = whole, None
         covariance = np.zeros((len(self._step.fitted),) * 2)
         damping = np.full(len(whole.states), _FIRST_DAMPING)
@@ -175,7 +173,7 @@ class Shooting:
                 share = 1.0 if iteration < _FULL_STEPS else 0.5
                 share = 0.0 if stage.blur > _STATES_ONLY else share
                 if slopes is None or iteration % period == 0:
-                    windows = self._with_lags(windows, point.unit, replay)
+                    windows = replay.renewed(windows, point.unit)
                     slopes = self._step.player.differentiate(windows, point)
                 taken = self._step.take(windows, point, slopes, share, stage.blur)
                 point, covariance, predicted, hessian = taken
@@ -205,41 +203,25 @@ class Shooting:
             late_std=late_std,
         )
 
-    def _with_lags(
-        self, windows: Windows, unit: np.ndarray, replay: Callable[[np.ndarray], np.ndarray]
-    ) -> Windows:
-        """The windows with actuator states and their derivatives by the fitted lags, if any."""
-        if not self._lags:
-            return windows
-        begun = replay(unit)[windows.episode, windows.step]
-        by_lag = {}
-        for lag in self._lags:
-            step = np.zeros_like(unit)
-            step[lag] = -_LAG_DELTA if unit[lag] > 0.5 else _LAG_DELTA
-            changed = replay(unit + step)[windows.episode, windows.step]
-            by_lag[lag] = unit[lag], (changed - begun) / step[lag]
-        return replace(windows, actuator_states=begun, by_lag=by_lag)
-
     def _cut(
-        self, observed: Observed, states: np.ndarray, unit: np.ndarray, steps: int | None = None
+        self,
+        observed: Observed,
+        states: np.ndarray,
+        actuator_states: np.ndarray,
+        steps: int | None = None,
     ) -> Windows:
         """By default as long as the last stage's; of any length, as many steps in all."""
         usual = self.config.stages[-1].window
         steps = steps or not_longer(observed.actions.shape[1], usual)
-        actuator_states = self._replay_actuators(observed.actions, states, unit)
         at_most = self.config.num_windows * usual
         return cut(observed, states, actuator_states, steps, max(1, at_most // steps))
+
+    def _replay(self, observed: Observed, states: np.ndarray) -> ActuatorReplay:
+        return ActuatorReplay(self._physics, self._lags, observed.actions, states)
 
     def _begin(self, parameters: np.ndarray) -> np.ndarray:
         """All unknowns shared by windows, in unit coordinates, for (N,) parameters."""
         return np.concatenate([self._physics.parameters.to_unit(parameters), self._on_time])
-
-    def _replay_actuators(
-        self, actions: np.ndarray, states: np.ndarray, unit: np.ndarray
-    ) -> np.ndarray:
-        return self._physics.replay_actuators(
-            actions, states, unit[: len(self._physics.parameters)]
-        )
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
         """(E, T + 1, nq + nv) states, replaced by the fit's inside its windows."""

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.fit.combine import FIRST_VARIANCE, combine, robust_weights
+from simtune.fit.pictures.pixel_noise import noise_by_parameter, noise_by_pixel, rounding_std
+from simtune.fit.pictures.pose_elimination import without_poses
 from simtune.fit.pictures.response import (
     NUM_CHANNELS,
     NUM_UNKNOWN,
@@ -19,7 +21,6 @@ from simtune.fit.pictures.response import (
     step_by_known_colours,
 )
 from simtune.fit.pictures.scene import SHOWN, PictureScene, PixelSlopes
-from simtune.normal import MAD_TO_STD
 from simtune.simulation import Simulator
 from simtune.vision.image_noise import ImageNoise
 
@@ -33,7 +34,6 @@ _LARGEST_STEP = 0.2
 _DAMPING_STD = 1.0
 _ITERATIONS = 12, 30  # at least; at most, until no parameter moves more than _SETTLED
 _SETTLED = 0.3  # of its standard deviation
-_ROUNDING = 1 / 255 / 12**0.5  # standard deviation
 _SQUARE_PX = 4  # neighbouring pixels are correlated: a square of 4 × 4 counts as one
 _OTHERS = 0.3  # largest share of other colours in a pixel, relative to it being all white
 _RIDGE = 1e-6  # of information, for what no picture shows
@@ -116,14 +116,18 @@ class _Fit:
         if number % _DERIVED_EVERY == 0:
             self._slopes = scene.derive(self._unit, drawn)
         slopes, residual = self._slopes, drawn - self._real
-        noise = _noise(residual, slopes.shown, max(_SMALLEST_NOISE, _FIRST_NOISE / 2**number))
+        noise = noise_by_pixel(
+            residual, slopes.shown, max(_SMALLEST_NOISE, _FIRST_NOISE / 2**number)
+        )
         robust = 1 / (1 + np.square(residual / (_ROBUST * noise))) ** 2
         robust[scene.is_overexposed(self._frames, noise)] = 0
         cameras = self._see_known(drawn, residual, robust)
         trust = robust_weights(np.minimum(np.square(residual / noise), 9).mean(1))
         unknowns = np.concatenate([slopes.shown[~self._known], slopes.blur, slopes.response])
         weight = robust / noise**2 / _SQUARE_PX**2
-        information, slope, follow = _without_poses(unknowns, slopes.pose, weight, residual, scene)
+        information, slope, follow = without_poses(
+            unknowns, slopes.pose, weight, residual, scene.moved
+        )
         few, num = len(self._fitted), len(self._fitted) + len(scene.blur)
         colours = combine(information[:, :num, :num], slope[:, :num], self._variance, trust)
         leads = np.einsum("m,mpq->pq", trust, information[:, :num])
@@ -143,7 +147,7 @@ class _Fit:
 
     def result(self) -> PictureFit:
         drawn, slopes, known = self._scene.draw(self._unit), self._slopes.shown, self._known
-        noise = _noises(drawn - self._real, np.abs(slopes) > SHOWN, _SMALLEST_NOISE)
+        noise = noise_by_parameter(drawn - self._real, np.abs(slopes) > SHOWN, _SMALLEST_NOISE)
         rounding = np.square([rounding_std(slope, drawn) for slope in slopes[~known]])
         covariance = np.zeros((len(known),) * 2)
         few = len(self._fitted)
@@ -159,31 +163,6 @@ class _Fit:
         shows = _shows(slopes.shown[known], self._unit[self._shown[known]], drawn)
         usual, at = self._camera or ImageNoise(), self._scene.response
         return step_by_known_colours(slopes.response, usually * shows, residual, drawn, usual, at)
-
-
-def _without_poses(
-    slopes: np.ndarray,
-    of_pose: np.ndarray,
-    weight: np.ndarray,
-    residual: np.ndarray,
-    scene: PictureScene,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(M, U, U) information and (M, U) slope for (U, M, pixels) slopes, with poses eliminated.
-
-    With residuals r of the pixels, weights W, A = ∂r/∂u and P = ∂r/∂x by the poses x in units of
-    their standard deviations, each picture's poses are eliminated:
-
-        information = AᵀWA − AᵀWP (PᵀWP + 1)⁻¹ PᵀWA     slope = AᵀWr − AᵀWP (PᵀWP + 1)⁻¹ (PᵀWr + x)
-
-    Also returns (M, D, U + 1): how x follows u, and its own step.
-    """
-    cross = _products(of_pose, weight, slopes)  # (M, D, U)
-    of_poses = _products(of_pose, weight, of_pose) + np.eye(of_pose.shape[0])
-    pull = _project(of_pose, weight, residual) + scene.moved  # (M, D)
-    follow = np.linalg.solve(of_poses, np.concatenate([cross, pull[..., None]], -1))
-    information = _products(slopes, weight, slopes) - cross.swapaxes(1, 2) @ follow[..., :-1]
-    slope = _project(slopes, weight, residual) - (cross.swapaxes(1, 2) @ follow[..., -1:])[..., 0]
-    return information, slope, follow
 
 
 def exposed(
@@ -210,47 +189,3 @@ def _shows(slopes: np.ndarray, unit: np.ndarray, drawn: np.ndarray) -> np.ndarra
     white = np.abs(slopes).sum(0)
     others = np.abs(drawn - np.einsum("kmp,k->mp", slopes, unit))
     return (white > SHOWN) & (others < _OTHERS * white)
-
-
-def _products(a: np.ndarray, weight: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(M, A, B) for (A, M, pixels), (M, pixels), (B, M, pixels)."""
-    weighted = (a * weight).swapaxes(0, 1)
-    return (weighted @ b.transpose(1, 2, 0)).astype(float)
-
-
-def _project(a: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """(M, A) for (A, M, pixels), (M, pixels), (M, pixels)."""
-    return np.einsum("amp,mp->ma", a, weight * residual).astype(float)
-
-
-def rounding_std(slope: np.ndarray, drawn: np.ndarray) -> float:
-    """Standard deviation of a parameter due to rounding (M, pixels) to 256 levels.
-
-    Pixels of one level are all rounded alike, so many of them tell no more than one. Each level has
-    an independent rounding error.
-    """
-    shown = np.abs(slope) > SHOWN
-    if not shown.any():
-        return _ROUNDING / SHOWN
-    square, level = np.square(slope[shown]), np.round(255 * drawn[shown].clip(0, 1)).astype(int)
-    by_level = np.bincount(level, square)
-    num_levels = by_level.sum() ** 2 / np.square(by_level).sum()
-    return _ROUNDING / np.sqrt(num_levels * square.mean())
-
-
-def _noise(residual: np.ndarray, slopes: np.ndarray, at_least: float) -> np.ndarray:
-    """(M, pixels) of `_noises`, the largest of the parameters that a pixel shows."""
-    shown, noise = np.abs(slopes) > SHOWN, np.full_like(residual, at_least)
-    for own, where in zip(_noises(residual, shown, at_least), shown, strict=True):
-        noise = np.where(where, np.maximum(noise, own), noise)
-    return noise
-
-
-def _noises(residual: np.ndarray, shown: np.ndarray, at_least: float) -> np.ndarray:
-    """(V,) robust std of residuals (M, pixels), where each parameter shows, (V, M, pixels) bool.
-
-    For each parameter separately: a good fit of the ground says nothing about a thin pole.
-    """
-    sizes = [np.abs(residual[where]) for where in shown]
-    own = [MAD_TO_STD * float(np.median(size)) if len(size) else 0.0 for size in sizes]
-    return np.maximum(own, at_least)

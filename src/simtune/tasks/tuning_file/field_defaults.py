@@ -12,6 +12,7 @@ from simtune.parameters import Parameter, field_of, rows_of
 from simtune.parameters.field_index import field_index
 from simtune.parameters.fields import KINDS, OF_JOINTS
 from simtune.parameters.model_writer import start_from_material
+from simtune.parameters.tunable import why_not_tunable
 
 _MODEL = mujoco.MjModel
 # Only of meshes is a geom_aabb not derived
@@ -73,7 +74,7 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
     """Raises InputError for objects whose value of the field cannot be tuned."""
     for name in parameter.objects:
         rows = rows_of(model, parameter.field, name)
-        if problem := parameter.field_info.object_problem(model, rows, name):
+        if problem := why_not_tunable(parameter.field_info, model, rows, name):
             raise InputError(problem)
     if parameter.is_factor and parameter.field_info.form == "range":
         _without_form(model, parameter, own_values(model, parameter))

@@ -9,7 +9,8 @@ import numpy as np
 
 from simtune.errors import InputError, UnknownName
 from simtune.parameters.backlash import driven_through
-from simtune.parameters.fields import OBJECT_TYPES, OF_JOINTS
+from simtune.parameters.field import OBJECT_TYPES
+from simtune.parameters.fields import OF_JOINTS
 
 _KINDS = {owner.name: owner for owner in OBJECT_TYPES.values()}
 _OF_BODIES = {"geom": "geom_bodyid", "joint": "jnt_bodyid", "site": "site_bodyid"}

@@ -15,10 +15,19 @@ from typing import Any
 
 from simtune.errors import InputError, UnknownName
 from simtune.tasks.tuning_file.toml_lines import KeyPath, key_lines, line_of
+from simtune.tasks.tuning_file.toml_values import (
+    MOST,
+    are_names,
+    are_numbers,
+    are_tables,
+    for_numpy,
+    is_array,
+    is_pair,
+    shown,
+)
 from simtune.validate import is_number
 
 _REQUIRED: Any = object()
-_MOST = 2**63
 _HINT = " (numbers begin with a digit, as 0.1; texts are in quotes)"
 
 
@@ -134,27 +143,27 @@ class TomlTable:
         what = "a finite number" if above == -math.inf else f"a finite number above {above:g}"
         return self._checked(key, what, default, lambda v: is_number(v) and v > above)
 
-    def whole(
-        self, key: str, default: Any = _REQUIRED, *, least: int = 1, most: int = _MOST
-    ) -> Any:
+    def whole(self, key: str, default: Any = _REQUIRED, *, least: int = 1, most: int = MOST) -> Any:
         what = f"a whole number of at least {least}"
-        what += f" and at most {most}" * (most < _MOST)
+        what += f" and at most {most}" * (most < MOST)
         return self._checked(
             key, what, default, lambda v: is_number(v) and isinstance(v, int) and least <= v <= most
         )
 
     def names(self, key: str, default: Any = _REQUIRED) -> Any:
         """A tuple of one or more texts; a single one needs no brackets in the file."""
-        value = self._checked(key, "a name or a list of names", default, _are_names)
+        value = self._checked(key, "a name or a list of names", default, are_names)
         return (value,) if isinstance(value, str) else value and tuple(value)
 
     def numbers(self, key: str, count: int, default: Any = _REQUIRED) -> Any:
         """A tuple of `count` numbers."""
-        return self._checked(key, f"{count} finite numbers", default, lambda v: _are(v, count))
+        return self._checked(
+            key, f"{count} finite numbers", default, lambda v: are_numbers(v, count)
+        )
 
     def pair(self, key: str) -> tuple[float, float]:
         """Low and high end of a range."""
-        value = self._checked(key, "two numbers, the lower one first", _REQUIRED, _is_pair)
+        value = self._checked(key, "two numbers, the lower one first", _REQUIRED, is_pair)
         return value[0], value[1]
 
     def pairs(self, key: str, count: int) -> list[tuple[float, float]]:
@@ -162,13 +171,13 @@ class TomlTable:
             key,
             f"{count} pairs, the lower number first",
             _REQUIRED,
-            lambda v: isinstance(v, list) and len(v) == count and all(map(_is_pair, v)),
+            lambda v: isinstance(v, list) and len(v) == count and all(map(is_pair, v)),
         )
         return [(low, high) for low, high in value]
 
     def array(self, key: str, default: Any = _REQUIRED) -> Any:
         """A number or a nested list of numbers; the caller checks its shape."""
-        return self._checked(key, "a number or a list of numbers", default, _is_array)
+        return self._checked(key, "a number or a list of numbers", default, is_array)
 
     @property
     def is_empty(self) -> bool:
@@ -185,7 +194,7 @@ class TomlTable:
     def tables(self, key: str) -> list["TomlTable"]:
         """The tables [[key]]; an empty list if there are none."""
         what = f"tables, each after a line [[{key}]]"
-        values = self._checked(key, what, [], _are_tables)
+        values = self._checked(key, what, [], are_tables)
         path = (*self._path, key)
         return [TomlTable(v, self.file, self._lines, (*path, i)) for i, v in enumerate(values)]
 
@@ -198,44 +207,5 @@ class TomlTable:
             return default
         value = self._values[key]
         if not is_right(value):
-            raise self.error(f"{key} must be {what}, got {_shown(value)}", key)
-        return _for_numpy(value)
-
-
-def _for_numpy(value: Any) -> Any:
-    """With floats in place of whole numbers beyond 64 bits, of which numpy makes objects."""
-    if isinstance(value, list):
-        return [_for_numpy(item) for item in value]
-    is_huge = isinstance(value, int) and abs(value) >= _MOST
-    return float(value) if is_huge else value
-
-
-def _are(value: Any, count: int) -> bool:
-    return isinstance(value, list) and len(value) == count and all(map(is_number, value))
-
-
-def _is_pair(value: Any) -> bool:
-    return _are(value, 2) and value[0] <= value[1]
-
-
-def _are_names(value: Any) -> bool:
-    names = [value] if isinstance(value, str) else value
-    return isinstance(names, list) and bool(names) and all(n and isinstance(n, str) for n in names)
-
-
-def _are_tables(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(v, dict) for v in value)
-
-
-def _is_array(value: Any) -> bool:
-    if isinstance(value, list):
-        return bool(value) and all(map(_is_array, value))
-    return is_number(value) or value in (math.inf, -math.inf)
-
-
-def _shown(value: Any) -> str:
-    """A value for messages, approximately in TOML's notation, at most 60 characters."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    shown = "a table" if isinstance(value, dict) else repr(value)
-    return shown if len(shown) <= 60 else f"{shown[:57]}..."
+            raise self.error(f"{key} must be {what}, got {shown(value)}", key)
+        return for_numpy(value)

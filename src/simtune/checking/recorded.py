@@ -1,0 +1,92 @@
+"""What `check` is told about recordings: that they are sound, their actions, films and readings."""
+
+from typing import Any
+
+import numpy as np
+
+from simtune.checking.film.library import MOST_STEPS
+from simtune.checking.film.look import Films, look_at, shrunk
+from simtune.checking.film.picture import named, new_file
+from simtune.checking.readings import ReadEpisodes, read_episodes
+from simtune.checking.recording_warnings import warnings
+from simtune.checking.servos.picture import draw_servos
+from simtune.config import CheckConfig
+from simtune.errors import InputError
+from simtune.observation import ObservationModel
+from simtune.progress import ReportProgress
+from simtune.real.observed import open_recordings
+from simtune.real.recorded import how_many
+from simtune.recordings import Dataset
+from simtune.simulation import Simulator
+from simtune.tasks import Task
+
+_MOST_NAMED = 5  # of unsound episodes
+_LOOKED_AT = 3  # episodes whose pictures are compared
+_PICTURES, _FEWEST_PICTURES = 24, 8  # in total, and at least per episode
+
+
+def of_recordings(
+    config: CheckConfig, task: Task, size: int, seen: ObservationModel, report: ReportProgress
+) -> tuple[Simulator, np.ndarray, ReadEpisodes | None, dict[str, Any]]:
+    """A simulator at the recordings' rate, their actions (E, T, A), readings, facts and warnings.
+
+    Actions are cut to the shortest episode's.
+    """
+    dataset = open_recordings(config.real or "", task, config, size, seen)
+    num = how_many(dataset, config.episodes)
+    recorded, film = look_through(dataset, report, min(num, _LOOKED_AT) * bool(seen.cameras))
+    facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
+    facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
+    films = Films.of(seen.framed(dataset.aspects), film)
+    # Supersampled as in tuning: a real camera averages over its pixels.
+    simulator = task.simulator(
+        image_size=size,
+        step_s=dataset.step_s,
+        supersampling=seen.supersampling,
+        views=[shrunk(view, size) for view in films.views],
+    )
+    steps = min(len(actions) for actions in recorded[:num])
+    actions = np.stack([actions[:steps] for actions in recorded[:num]])
+    if seen.cameras:
+        report("comparing pictures", 0.0)
+        facts["films"], more = look_at(films, task, simulator, actions, config)
+        facts["warnings"] += more
+    read = None
+    if seen.sensors:
+        read = read_episodes(dataset, num, simulator, seen)
+        facts["servos"] = read.facts
+        facts["warnings"] += read.warnings
+        if read.curves:
+            path = named(config.pictures, "-servos" * bool(seen.cameras)) or new_file()
+            draw_servos(path, task.name, read.curves, simulator.step_s)
+            facts["servo_pictures"] = str(path)
+    return simulator, actions, read, facts
+
+
+def look_through(
+    dataset: Dataset, report: ReportProgress, num_looked_at: int = 0
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Actions (T, A) of all episodes, after a look at each one's frames, and a few frames.
+
+    The frames are of the first `num_looked_at` episodes, (num_looked_at, K, H, W, 3). Raises
+    InputError, after the last episode, if any is unsound, naming the others as well.
+    """
+    actions, film, faults = [], [], {}
+    num_frames = max(_FEWEST_PICTURES, _PICTURES // max(num_looked_at, 1))
+    for episode, name in enumerate(dataset.episodes):
+        report("reading the recordings", episode / len(dataset.episodes))
+        try:
+            its_actions, frames = dataset.skim(
+                episode, num_frames * (episode < num_looked_at), within_steps=MOST_STEPS
+            )
+        except InputError as error:
+            faults[name] = str(error)
+            continue
+        actions.append(its_actions)
+        film += [frames] * (episode < num_looked_at)
+    if faults:
+        first, *others = faults
+        more = ", ".join(others[:_MOST_NAMED]) + ", ..." * (len(others) > _MOST_NAMED)
+        also = f"; {len(others)} more of {dataset.num_episodes} are unsound: {more}"
+        raise InputError(faults[first] + also * bool(others))
+    return actions, np.stack(film) if film else np.empty((0, 0, 0, 0, 3), np.uint8)
