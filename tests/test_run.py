@@ -173,8 +173,9 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
     )
     with pytest.raises(InputError, match=says):
         check_asked(path, now)
-    (tmp_path / "other.toml").write_text("another task, without a scene.xml beside it")
-    for other in ("cartpole", str(tmp_path / "other.toml")):
+    for other in (tmp_path / "other.toml", home / "arm/other.toml"):
+        other.write_text("another task")
+    for other in ("cartpole", str(tmp_path / "other.toml"), str(home / "arm/other.toml")):
         says = rf"run with task = '\S+/tune.toml', now = '{other}': give"
         with pytest.raises(InputError, match=says):
             check_asked(path, {"task": other, "task_content": "5a"})

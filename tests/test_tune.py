@@ -368,8 +368,8 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
     # Less than 12 s, 0.6 of the smallest round and 6 s for the report is refused; what is named
     # has two of the smallest.
     reason = (
-        r"--budget-minutes 1\.1 is too short: .* 100 s .* 300 s; .* --budget-minutes 3\.7 or more"
-        r"\. Simulating takes 90 % of that"
+        r"--budget-minutes 1\.1 is too short: .* 100 to 200 s .* 300 s; .* --budget-minutes "
+        r"3\.7 or more\. Simulating takes 90 % of that"
     )
     with pytest.raises(InputError, match=reason):
         tune(config_of(tmp_path / "run", budget_minutes=1.1))

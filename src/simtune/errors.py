@@ -4,6 +4,9 @@ import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+from simtune.columns import cut
+
+_MOST_NAMED = 60
 _CLOSE = 0.75  # as difflib counts: a slip of the keyboard, not "light" for "weight"
 
 
@@ -19,15 +22,16 @@ class UnknownName(InputError):
 
 
 def _hint(name: str, known: list[str]) -> str:
-    """Which one may be meant, and all there are unless that is sure."""
+    """Which one may be meant, and others unless that is sure."""
     if not known:
         return ", which has none"
-    whole = [other for other in known if name in other]  # such as palm in robot0:palm
+    whole = [other for other in known if name and name in other]  # such as palm in robot0:palm
     close = whole or difflib.get_close_matches(name, known)
+    is_sure = len(whole) == 1
+    if not whole:
+        is_sure = bool(difflib.get_close_matches(name, known, cutoff=_CLOSE))
     meant = f"; did you mean {close[0]!r}?" if close else ""
-    if whole or difflib.get_close_matches(name, known, cutoff=_CLOSE):
-        return meant
-    return f"{meant or ';'} there are: {', '.join(known)}"
+    return meant if is_sure else f"{meant or ';'} there are: {cut(whole or known, _MOST_NAMED)}"
 
 
 def one_line(error: ValueError) -> str:

@@ -119,8 +119,8 @@ def _refuse_if_too_short(minutes: float, other_s: float, needed: Needed) -> None
         enough = math.ceil((2 * least_s + other_s) / 6) / 10
         whole_minutes = max(math.ceil((whole_s + other_s) / 60), math.ceil(enough))
         raise InputError(
-            f"--budget-minutes {minutes:g} is too short: the smallest round takes about "
-            f"{least_s:.0f} s on this machine, or twice that, and a whole one {whole_s:.0f} s; "
+            f"--budget-minutes {minutes:g} is too short: the smallest round takes "
+            f"{least_s:.0f} to {2 * least_s:.0f} s on this machine, a whole one {whole_s:.0f} s; "
             f"verdicts need --budget-minutes {whole_minutes}, an answer --budget-minutes "
             f"{enough:g} or more" + (f". {needed.mostly}" if needed.mostly else "")
         )

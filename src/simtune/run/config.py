@@ -117,8 +117,10 @@ def _other_contents(
         words["real"] = ""
     if tasks := {"task_content", "policy_content"}.intersection(differing):
         files = changed_sources(path, stored, str(now.get("task")))
-        if str(now.get("task")) in files and not all(map(os.path.exists, files)):
-            files = []  # another task, not this one with changes
+        if "task" in differing and str(now["task"]) in files:
+            is_moved = not os.path.exists(str(stored["config"].get("task")))
+            if not (is_moved and all(map(os.path.exists, files))):
+                files = []  # another task, not this one with changes
         said = "another content of the task, as this version of simtune or MuJoCo reads it"
         if readers := changed_readers(stored):
             said += f" ({readers})"

@@ -76,9 +76,11 @@ def filled(values: np.ndarray) -> np.ndarray:
 
 
 def moving_from_the_start(values: np.ndarray) -> np.ndarray:
-    """The same; before a column's first reading it goes as the parabola through the next begins.
+    """(E, T, D) `filled`, but moving before a column's first reading as it does after it.
 
-    For some rows: farther away, a parabola knows nothing.
+    There, rows go on as the parabola through the first three readings begins, if these are
+    neighbours.
+    For a few rows: farther away, a parabola knows nothing.
     """
     whole = filled(values)
     for episode, column in np.ndindex(len(values), values.shape[2]):
@@ -90,10 +92,10 @@ def moving_from_the_start(values: np.ndarray) -> np.ndarray:
     return whole
 
 
-def unread_rows(values: np.ndarray) -> int:
-    """Most rows of (E, T, D) before a column's first reading; columns without any do not count."""
+def unread_rows(values: np.ndarray) -> np.ndarray:
+    """(E,) most rows of (E, T, D) before a column's first reading; columns without any are none."""
     known = np.isfinite(values)
-    return int(np.where(known.any(1), known.argmax(1), 0).max(initial=0))
+    return np.where(known.any(1), known.argmax(1), 0).max(1, initial=0)
 
 
 def is_within(values: np.ndarray) -> np.ndarray:

@@ -9,7 +9,8 @@ from simtune.fit.readings.stretches import Readings, Stretches, unread_rows
 from simtune.observation import usual_noise
 
 _FIRST, _ITERATIONS = 5, 3  # steps used for the initial state
-_GUESSED = 10.0  # factor on its std for each row that was not read
+_GUESSED = 10.0  # added to the factor on its std for each row that was not read
+_MOST_UNREAD = 5  # rows before the first reading over which it is found all the same
 
 
 def replay_whole(
@@ -33,13 +34,23 @@ def begin_whole(
     These explain the first few readings best (Gauss-Newton). Parameters are as in `replay_whole`.
     """
     whole = loop.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
+    unread, states = unread_rows(whole.values), whole.states.copy()
+    unread[unread > _MOST_UNREAD] = 0  # so much later, readings no longer tell
     loop = loop.by_starts_alone()
-    unread = unread_rows(whole.values)
-    first, noise = whole.first(_FIRST + unread), usual_noise(loop.sensors)
-    start_std, states = loop.measured.start_std(noise, first.values), first.states
-    start_std = start_std * (1 + _GUESSED * unread)
+    for rows in np.unique(unread).tolist():
+        alike = unread == rows
+        states[alike] = _explaining(loop, whole.of(alike).first(_FIRST + rows), unit, offsets, rows)
+    return whole, states
+
+
+def _explaining(
+    loop: OpenLoopReplay, first: Stretches, unit: np.ndarray, offsets: np.ndarray, unread: int
+) -> np.ndarray:
+    """(W, nq + nv) initial states that explain the first steps best, of which some are `unread`."""
+    noise, states = usual_noise(loop.sensors), first.states
+    start_std = loop.measured.start_std(noise, first.values) * (1 + _GUESSED * unread)
     if not len(start_std):  # only velocities are read
-        return whole, states
+        return states
     shift = np.zeros((len(states), len(start_std)))
     for _ in range(_ITERATIONS):
         slopes = differentiate(loop, Where(first, states, unit, start_std))
@@ -48,4 +59,4 @@ def begin_whole(
         step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
         shift = shift - step
         states = loop.measured.moved(first.states, shift, start_std)
-    return whole, states
+    return states

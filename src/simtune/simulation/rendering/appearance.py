@@ -9,13 +9,16 @@ import mujoco
 import numpy as np
 
 _LEAST_SHININESS = 1e-5
-_WIDEST_CONE, _EVERYWHERE = 90.0, 180.0  # degrees
+_WIDEST_CONE = 90.0  # degrees
 _MOST_FOCUSED = 128.0  # exponent of a spotlight
+_LIGHTS = mujoco.mjtLightType
+_SPOT, _DIRECTIONAL = _LIGHTS.mjLIGHT_SPOT.value, _LIGHTS.mjLIGHT_DIRECTIONAL.value
+_POINT, _IMAGE = _LIGHTS.mjLIGHT_POINT.value, _LIGHTS.mjLIGHT_IMAGE.value
 NUM_GROUPS = 3  # that are seen, the first of those that there are
 _UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 _MOST_LAMPS = 8  # at once, with the headlight
 # OpenGL "ignores unsupported light types", says MuJoCo's source; they count as lamps nevertheless
-_UNLIT = (mujoco.mjtLightType.mjLIGHT_POINT.value, mujoco.mjtLightType.mjLIGHT_IMAGE.value)
+_UNLIT = (_POINT, _IMAGE)
 _WITHOUT_LAMPS = 0.3  # ambient light
 _SRGB, _LINEAR = mujoco.mjtColorSpace.mjCOLORSPACE_SRGB, mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR
 
@@ -29,7 +32,8 @@ def as_opengl_reads(model: mujoco.MjModel) -> mujoco.MjModel:
     _paint_flexes(model)
     _choose_lamps(model)
     model.mat_shininess[:] = most_matt(model.mat_shininess)
-    model.light_cutoff[:], model.light_exponent[:] = cone(model.light_cutoff, model.light_exponent)
+    model.light_exponent[:] = focus(model.light_exponent)
+    model.light_type[:] = kinds_of_lamps(model.light_type, model.light_cutoff)
     return model
 
 
@@ -38,15 +42,19 @@ def most_matt(shininess: np.ndarray) -> np.ndarray:
     return np.maximum(shininess, _LEAST_SHININESS)
 
 
-def cone(cutoff: np.ndarray, exponent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles, degrees, and exponents of lamps as OpenGL takes them.
+def focus(exponent: np.ndarray) -> np.ndarray:
+    """Spotlights' exponents as OpenGL takes them: it refuses some, and then its own stays, 0."""
+    return np.where((exponent < 0) | (exponent > _MOST_FOCUSED), 0, exponent)
 
-    It refuses angles beyond 90°, and then its own stays, by which a lamp shines everywhere, evenly.
-    It refuses exponents beyond 128, and its own is 0.
+
+def kinds_of_lamps(kinds: np.ndarray, cutoff: np.ndarray) -> np.ndarray:
+    """Kinds as mujoco_warp draws what OpenGL makes of spotlights with these angles, degrees.
+
+    OpenGL refuses those beyond 90°; by its own, a lamp shines everywhere, evenly.
     """
-    is_refused = (exponent < 0) | (exponent > _MOST_FOCUSED)
-    is_wide = cutoff > _WIDEST_CONE
-    return np.where(is_wide, _EVERYWHERE, cutoff), np.where(is_refused | is_wide, 0, exponent)
+    return np.where(
+        kinds == _DIRECTIONAL, kinds, np.where(cutoff > _WIDEST_CONE, _POINT, _SPOT)
+    ).astype(np.int32)
 
 
 def _drop_textures(model: mujoco.MjModel) -> None:

@@ -15,7 +15,7 @@ from mujoco.batch import Batch
 
 from simtune.parameters import ModelWriter, field_of
 from simtune.simulation.rendering import packing
-from simtune.simulation.rendering.appearance import cone, most_matt
+from simtune.simulation.rendering.appearance import focus, kinds_of_lamps, most_matt
 from simtune.simulation.rendering.packing import packed
 from simtune.simulation.rendering.primitives.drawing import Primitives
 from simtune.simulation.rendering.sky import complete_sky
@@ -23,7 +23,6 @@ from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.rendering.warp_model import put_model
 
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
-_CONE = ("light_cutoff", "light_exponent")  # one means nothing without the other
 _COMPILING = Lock()  # Warp builds modules one at a time
 _SKY_SAMPLES = 4  # per pixel and axis: stars are smaller than pixels and would sparkle
 _LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
@@ -37,8 +36,8 @@ class Context:
         self._worlds = Batch(model, num_worlds, nthread=num_threads)
         self._writer = ModelWriter(space, model)
         fields = {p.field for p in space}
-        written = fields.union(_CONE) if fields.intersection(_CONE) else fields
-        self._drawn = sorted(f for f in written if field_of(f).is_drawn_per_world)
+        self._drawn = sorted(f for f in fields if field_of(f).is_drawn_per_world)
+        self._kinds_of_lamps = model.light_type.copy()  # (lights,)
         self._written: np.ndarray | None = None
         self._casts_shadow = model.light_castshadow.astype(bool)  # (lights,)
         self._has_flexes = model.nflex > 0
@@ -138,13 +137,14 @@ class Context:
         if self._written is not None and np.array_equal(self._written, padded):
             return
         self._writer.write_batch(self._worlds, padded)
-        values = {name: self._worlds.expand(name) for name in self._drawn}
-        if "mat_shininess" in values:
-            values["mat_shininess"] = most_matt(values["mat_shininess"])
-        if _CONE[0] in values:
-            values |= zip(_CONE, cone(*(values[name] for name in _CONE)), strict=True)
+        values = {name: self._worlds.expand(name).astype(np.float32) for name in self._drawn}
+        for name, as_opengl in (("mat_shininess", most_matt), ("light_exponent", focus)):
+            if name in values:
+                values[name] = as_opengl(values[name])
+        if "light_cutoff" in values:
+            values["light_type"] = kinds_of_lamps(self._kinds_of_lamps, values["light_cutoff"])
         for name, drawn in values.items():
-            drawn, field = np.ascontiguousarray(drawn, np.float32), getattr(self._model, name)
+            drawn, field = np.ascontiguousarray(drawn), getattr(self._model, name)
             setattr(self._model, name, warp.array(drawn, dtype=field.dtype, device=field.device))
         self._written = padded
 
@@ -177,6 +177,8 @@ def make_context(model, camera, size, tuned: Collection[str] = (), **settings):
     )
     if "light_attenuation" in tuned:  # else compiled for the model's own
         context.light_attenuation_is_default = False
+    if "light_cutoff" in tuned:
+        context.has_spot_lights = True
     complete_sky(model, context)
     return context
 

@@ -1,4 +1,4 @@
-"""Reads TOML files; errors name the line and the nearest valid name.
+"""Reads TOML files; errors name the line and valid names.
 
 A dict with a file's keys is read in the same way.
 """
