@@ -121,7 +121,9 @@ def test_window_with_replayed_actuators_moves_as_its_episode(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "lag")) for n in CASES]
+)
 def test_fit_recovers_delay_and_gain_from_windows_inside_episodes(name):
     make, truth = CASES[name]
     task, truth = make(), np.array(truth)

@@ -294,7 +294,7 @@ SERVO_TRUTH = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_servos_really_are_is_found_within_five_per_cent(tmp_path: Path):
     arm, truth = write_arm(tmp_path, HEAD + SERVO), tmp_path / "truth.json"
     truth.write_text(json.dumps(SERVO_TRUTH))
