@@ -42,11 +42,16 @@ def joints_of_tendon(model: mujoco.MjModel, tendon: int) -> Iterator[int]:
             yield int(joint)
 
 
+def joint_ties(model: mujoco.MjModel) -> list[int]:
+    """Active equalities that tie one joint to another, both hinges or slides, as MuJoCo asks."""
+    is_tie = model.eq_active0 & (model.eq_type == _JOINTS) & (model.eq_obj2id >= 0)
+    return np.flatnonzero(is_tie).tolist()
+
+
 def with_tied(model: mujoco.MjModel, joints: Iterable[int]) -> set[int]:
     """Joints, and all that active equalities tie to these, also by others."""
     found = set(joints)
-    ties = np.flatnonzero(model.eq_active0 & (model.eq_type == _JOINTS) & (model.eq_obj2id >= 0))
-    pairs = [{int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])} for tie in ties]
+    pairs = [{int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])} for tie in joint_ties(model)]
     for _ in pairs:  # a chain may be written in any order
         for pair in pairs:
             if pair & found:

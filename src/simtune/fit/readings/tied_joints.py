@@ -3,9 +3,7 @@
 import mujoco
 import numpy as np
 
-from simtune.parameters.fields import HINGE_OR_SLIDE
-
-_JOINTS = mujoco.mjtEq.mjEQ_JOINT.value
+from simtune.simulation.ties import joint_ties
 
 
 def follow_measured(model: mujoco.MjModel, states: np.ndarray, places: np.ndarray) -> None:
@@ -18,20 +16,12 @@ def follow_measured(model: mujoco.MjModel, states: np.ndarray, places: np.ndarra
 
     It is used to find x from y only where it is linear. A chain may be written in any order.
     """
-    measured, ties = set(places.tolist()), np.flatnonzero(_is_tie(model)).tolist()
+    measured, ties = set(places.tolist()), joint_ties(model)
     while ties:
         done = [tie for tie in ties if _put(model, states, measured, tie)]
         if not done:
             return
         ties = [tie for tie in ties if tie not in done]
-
-
-def _is_tie(model: mujoco.MjModel) -> np.ndarray:
-    """(neq,) bool: active, of one hinge or slide to another."""
-    is_tie = model.eq_active0.astype(bool) & (model.eq_type == _JOINTS) & (model.eq_obj2id >= 0)
-    for end in (model.eq_obj1id, model.eq_obj2id):
-        is_tie[is_tie] &= np.isin(model.jnt_type[end[is_tie]], HINGE_OR_SLIDE)
-    return is_tie
 
 
 def _put(model: mujoco.MjModel, states: np.ndarray, measured: set[int], tie: int) -> bool:
