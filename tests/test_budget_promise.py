@@ -117,7 +117,7 @@ def test_intervals_are_three_times_as_wide_where_there_is_no_time_for_refits(
     assert (tmp_path / "late" / "report.html").is_file()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_round_that_has_its_time_has_its_refits(tmp_path, settings, bootstraps):
     _, whole_s = needed_s(tmp_path / "asked", settings, MACHINE)
     run_s(tmp_path / "run", settings, MACHINE.slower(1), whole_s)

@@ -130,7 +130,8 @@ def rounds_until_stop(
         (0.02, [0.3, 0.019], 2, "every parameter is known to 2 %"),
         (0.01, [0.3, 0.1, 0.09], 3, "another round would tell hardly more"),
         (0.01, [0.3, 0.2, 0.1, 0.05], 4, "all rounds are done"),
-        (0.01, [0.3, 0.3, 0.1, 0.05], 4, "all rounds are done"),  # the second had no fit
+        # The second had no fit
+        pytest.param(0.01, [0.3, 0.3, 0.1, 0.05], 4, "all rounds are done", marks=pytest.mark.slow),
         (0.0, [0.3, 0.3, 0.3, 0.0], 4, "all rounds are done"),  # asked to go on
     ],
 )

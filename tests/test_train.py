@@ -725,8 +725,8 @@ def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(
         assert experiment.search.context.keypoints.state() == begun
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("kills", [1, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kills", [1, 50])
 def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path, autotuned):
     """SIGKILL, which nothing can catch, in a process of its own, whenever it has got on."""
     rng, rounds, straight = random.Random(0), ROUNDS * kills, autotuned[0]

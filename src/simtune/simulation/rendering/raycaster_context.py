@@ -1,6 +1,5 @@
 """What one thread needs to draw: its worlds for the poses, and Warp's copies of model and data."""
 
-import copy
 import os
 from collections.abc import Collection
 from contextlib import nullcontext
@@ -18,7 +17,7 @@ from simtune.simulation.rendering import packing
 from simtune.simulation.rendering.appearance import focus, kinds_of_lamps, most_matt
 from simtune.simulation.rendering.packing import packed
 from simtune.simulation.rendering.primitives.drawing import Primitives
-from simtune.simulation.rendering.sky import complete_sky
+from simtune.simulation.rendering.sky import complete_sky, has_sky, sky_alone
 from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.rendering.warp_model import put_model
 
@@ -200,11 +199,12 @@ def assign(target, values: np.ndarray) -> None:
 
 def constant_sky(model: mujoco.MjModel, camera: str, size: tuple[int, int]) -> np.ndarray:
     """(H, W) packed pixels behind everything."""
-    model = copy.copy(model)
-    model.geom_rgba[:] = model.flex_rgba[:] = 0
+    if not has_sky(model):
+        return packed(np.zeros((*size, 3), np.uint8))
+    model = sky_alone(model, camera)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    context = make_context(model, camera, size, render_skybox=True, samples_per_pixel=_SKY_SAMPLES)
+    context = make_context(model, 0, size, render_skybox=True, samples_per_pixel=_SKY_SAMPLES)
     _draw(put_model(model), mujoco_warp.put_data(model, data), context)
     sums = context.aa_accum.numpy().reshape(*size, 3)  # of 255; its pixels are cut off, not rounded
     return packed(np.rint(sums / _SKY_SAMPLES**2).astype(np.uint8))
