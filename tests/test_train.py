@@ -417,10 +417,12 @@ def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_sc
 
         def __init__(self, lowest_reward: float):
             self.lowest_reward = lowest_reward
+            self.simulator = SimpleNamespace(num_steps=100)
 
         def play(self, *_):
             charged.append(self.lowest_reward)
             self.lowest_reward = -9.0
+            self.simulator.num_steps += STEPS
             ones = np.ones((1, STEPS))
             return SimpleNamespace(frames=ones, reached=np.ones((1, 0)), rewards=ones)
 
@@ -431,6 +433,7 @@ def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_sc
         experiment = SimpleNamespace(**given, agent=None, task=TASK)
         TrainingExperiment.score(experiment, SPACE.nominal, 1, seed=0)
         assert learnt_in.lowest_reward == -2.0
+        assert learnt_in.simulator.num_steps == 100  # simulated steps that something was learnt of
     assert charged == [-2.0, -2.0]
 
 

@@ -69,7 +69,8 @@ class Training:
 
     def carry_out(self) -> None:
         """Algorithm 1."""
-        schedule, run = self.experiment.schedule, self.run
+        schedule = self.experiment.schedule
+        run = self.run
         # Sim-to-real (Sec. VI-B): first a policy by domain randomisation around the start
         while run.step < schedule.pretrain_steps:
             self._train_policy()
@@ -93,7 +94,9 @@ class Training:
         return bool(self.run.num_rounds and self.experiment.search.stop_reason)
 
     def _film_real_world(self, num_episodes: int) -> None:
-        real, agent, cycle = self.experiment.real, self.experiment.agent, self.num_filmings
+        real = self.experiment.real
+        agent = self.experiment.agent
+        cycle = self.num_filmings
         filmed: list[Trajectory] = []
         if num_episodes and agent.can_act:
             stacked = self.experiment.schedule.num_stacked
@@ -110,10 +113,11 @@ class Training:
         self._save()
 
     def _update_simulator(self) -> None:
-        experiment, config = self.experiment, self.experiment.config
+        experiment = self.experiment
+        config = experiment.config
         # Without a time limit, which would not be reproducible.
         found = experiment.search.run_round(self.real, Budget(report=self._report))
-        if config.drop_far:  # of which the policy's own range may be a small part
+        if config.drop_far:  # forget episodes of worlds that are ruled out now
             found_in = experiment.search.distribution
             near = found_in.around(found_in.mean, choose_range(config))
             experiment.replay.drop_far(near.low, near.high)
@@ -121,13 +125,14 @@ class Training:
         self._save()
 
     def _train_policy(self) -> None:
-        schedule, agent = self.experiment.schedule, self.experiment.agent
+        schedule = self.experiment.schedule
+        agent = self.experiment.agent
+        environment = self.experiment.environment
+        replay = self.experiment.replay
         self._report("training the policy", self.run.step / schedule.total_steps)
         worlds = self.distribution_policy.sample(schedule.num_worlds, self.rng)
         is_filmed = agent.wants_frames
         delay_steps = self._delay_steps()
-        environment = self.experiment.environment
-        replay = self.experiment.replay
         explore = partial(agent.explore, replay=replay)
         episodes = environment.play(explore, worlds, self.rng, is_filmed, delay_steps)
         replay.add(episodes)
@@ -141,29 +146,26 @@ class Training:
             self._save()
 
     def _score_meanwhile(self) -> None:
-        """A point of a learning curve for figures; nothing learns from it.
-
-        Without the reality gap, its steps are counted among `sim_steps`.
-        """
-        experiment, config = self.experiment, self.experiment.config
+        """A point of a learning curve for figures; nothing learns from it."""
+        experiment = self.experiment
+        config = experiment.config
         if experiment.truth is not None and experiment.agent.can_act:
             done = self.run.step / experiment.schedule.total_steps
             self._report("scoring the policy meanwhile", done)
-            num, world = config.scored_episodes, experiment.truth.for_oracle()
-            scores, _ = experiment.score(world, num, config.seed)
+            world = experiment.truth.for_oracle()
+            scores, _ = experiment.score(world, config.scored_episodes, config.seed)
             means = {f"{name}/real": float(values.mean()) for name, values in scores.items()}
             self.run.log(len(self.real), means)
         self.num_scored += 1
         self._save()
 
     def _delay_steps(self) -> int:
-        """Delay of actions: the estimate's, once a search has looked for it.
+        """Delay of actions in simulated episodes: the estimate's, once a search has looked for it.
 
-        Late pictures are the same to a policy.
+        Late pictures count as late actions: to a policy, both mean that it sees later what it did.
         """
         is_known = self.run.num_rounds and self.experiment.search_name == "posterior"
-        found, step_s = self.run.estimate, self.experiment.real.step_s
-        late = found.late_steps(step_s) if is_known else None
+        late = self.run.estimate.late_steps(self.experiment.real.step_s) if is_known else None
         return self.experiment.delay_steps(late, self.rng)
 
     @property
@@ -173,20 +175,21 @@ class Training:
         if not self.num_filmings:
             range_ = experiment.config.range_dr
             return Distribution.proportional(experiment.space, experiment.start, range_)
-        found, range_ = experiment.search.distribution, choose_range(experiment.config)
-        return policy_range(found, self.run.estimate, range_)
+        searched = experiment.search.distribution
+        return policy_range(searched, self.run.estimate, choose_range(experiment.config))
 
     def finish(self, command: str | None = None) -> dict[str, Any]:
         """Score the policy on episodes not used for learning; see `Run.finish`."""
-        experiment, config = self.experiment, self.experiment.config
+        experiment = self.experiment
+        config = experiment.config
         metadata: dict[str, Any] = {"method": config.method, "preset": config.preset}
         metadata["policy_steps"] = self.run.step
         if experiment.search_name:
             metadata["stopped"] = experiment.search.stop_reason or "all rounds are done"
         if experiment.truth is not None:
             self._report("scoring the policy in the pseudo-real world", 1.0)
-            num, world = config.scored_episodes, experiment.truth.for_oracle()
-            scores, film = experiment.score(world, num, config.seed)
+            world = experiment.truth.for_oracle()
+            scores, film = experiment.score(world, config.scored_episodes, config.seed)
             fps = round(1 / experiment.real.step_s, 3)
             write_video(self.run.folder.videos / "policy.mp4", film, fps)
             metadata |= {name: outcome.summary(values) for name, values in scores.items()}
@@ -204,7 +207,8 @@ class Training:
         """Continue from the newest valid checkpoint, if there is one."""
         if not (state := self.run.resume()):
             return
-        self.num_filmings, self.num_skipped = state["filmings"], state["skipped"]
+        self.num_filmings = state["filmings"]
+        self.num_skipped = state["skipped"]
         self.num_scored = state["scored"]
         self.experiment.environment.lowest_reward = state["lowest_reward"]
         for cycle in range(self.num_filmings):

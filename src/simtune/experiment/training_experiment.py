@@ -66,10 +66,12 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
-        lowest = self.environment.lowest_reward
+        # Without a gap, scores come from where the policy is trained: what counts there is kept.
+        simulator, lowest = self.environment.simulator, self.environment.lowest_reward
+        num_steps = simulator.num_steps
         self.scored_in.lowest_reward = lowest
         played = self.scored_in.play(act, worlds, rng, True, self.late_steps)
-        self.environment.lowest_reward = lowest  # without a gap, it is where scores came from
+        self.environment.lowest_reward, simulator.num_steps = lowest, num_steps
         assert played.frames is not None
         assert played.reached is not None
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))
