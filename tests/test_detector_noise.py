@@ -1,5 +1,7 @@
 """The detector's noise is told by how far its heatmaps spread."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -101,3 +103,22 @@ def test_a_sharp_heatmap_has_no_spread_wherever_between_cells_it_is():
     wide = (splat(places - 2, detector.cells) + splat(places + 2, detector.cells)) / 2
     _, _, spread = detector.candidates(wide.clamp(min=1e-12).log())
     torch.testing.assert_close(spread[:, 0], torch.full((3, 1, 2), 2.0), atol=0.3, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("moved_px", "common_px", "is_off"),
+    [
+        (0.09, 0.0, False),  # of .05, less than which no error is known
+        (0.11, 0.0, True),
+        (0.19, 0.087, False),  # √(.087² + .05²) = .1
+        (0.21, 0.087, True),
+    ],
+)
+def test_an_error_is_another_one_beyond_two_of_its_standard_deviations(moved_px, common_px, is_off):
+    """Of one coordinate of two keypoints, in either direction."""
+    curve, none = np.ones((2, 1)), np.full((2, 2), common_px)
+    old = DetectorNoise(curve, curve, np.full((2, 2), 0.3), none)
+    for side in (-1, 1):
+        moved = old.offset_px.copy()
+        moved[1, 0] += side * moved_px
+        assert replace(old, offset_px=moved).is_off(old) is is_off

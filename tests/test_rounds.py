@@ -1,7 +1,7 @@
 """How a search plans its rounds, and when it stops: by hand arithmetic."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -14,6 +14,7 @@ from simtune.fit import (
     FitConfig,
     FitWork,
     ParticleConfig,
+    PointEstimate,
     ReplayFit,
     ShootingConfig,
     Stage,
@@ -25,11 +26,13 @@ from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.judging import Judging
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.rounds import Rounds, gains_nothing, half_widths, is_precise, plan_round
+from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.image_noise import ImageNoise
 
 # --- when to begin and to end -------------------------------------------------------------
@@ -198,6 +201,70 @@ def test_a_fit_that_takes_far_too_long_is_done_again_as_small_as_may_be(
     assert len(sizes) > 2, "it is judged by refits"
     assert all(sizes[1:]), "which are as small"
     assert not any("no time to fit" in warning for warning in round_.estimate.warnings)
+
+
+def test_a_fit_is_done_again_where_the_detector_errs_otherwise_at_its_colours(
+    monkeypatch, simulator, tiny
+):
+    """Known worlds are then found with the errors of that second test as well."""
+    fits, measured, fit, differs = [], [], FitStage.fit, iter([True, False])
+
+    def remember(self, observed, start, *given):
+        fits.append((self.noise, start, fit(self, observed, start, *given)))
+        return fits[-1][-1]
+
+    def is_off(self, other):
+        measured.append((self, other))
+        return next(differs)
+
+    monkeypatch.setattr(FitStage, "fit", remember)
+    monkeypatch.setattr(DetectorNoise, "is_off", is_off)
+    colours = SPACE.is_appearance
+    for is_repeated in (True, False):
+        search = PosteriorSearch(context_of(simulator), replace(tiny, num_rounds=1))
+        search.run_round(record_episodes(simulator, 1), Budget())
+        (new, old), (first, start, found) = measured[-1], fits[0]
+        assert (len(fits), old) == (1 + is_repeated, first)
+        if is_repeated:
+            noise, again, _ = fits[1]
+            assert noise is new
+            np.testing.assert_array_equal(again.parameters[colours], found.parameters[colours])
+            np.testing.assert_array_equal(again.parameters[~colours], start.parameters[~colours])
+        fits.clear()
+
+
+@pytest.mark.parametrize(("left_s", "is_filmed"), [(79.0, False), (81.0, True)])
+def test_a_fit_is_done_again_only_if_that_leaves_time_to_judge_it(left_s, is_filmed):
+    """Four times its 20 s; without such time, or where the second does not end, it stays."""
+    filmed = []
+
+    def film_near(learned, found, budget):
+        filmed.append(found.std.tolist())
+        return SimpleNamespace(noise=lambda: SimpleNamespace(is_off=lambda other: True))
+
+    @dataclass(frozen=True)
+    class LateStage:
+        noise: object
+
+        def observed(self, *detected):
+            return detected
+
+        def fit(self, *given):
+            raise OutOfTime
+
+    found = SimpleNamespace(
+        parameters=np.ones(2), std=np.array([0.01, 0.02]), is_moving=np.array([True, False])
+    )
+    judging = SimpleNamespace(
+        start=PointEstimate(np.zeros(2), np.array([0.3, 0.4])),
+        stage=(stage := LateStage("measured first")),
+        learning=SimpleNamespace(film_near=film_near),
+        learned=SimpleNamespace(detected=()),
+    )
+    left = Judging._fit_again(cast(Judging, judging), found, 20.0, True, Budget(left_s))
+    assert left is found
+    assert judging.stage is stage
+    assert filmed == [[0.3, 0.02]] * is_filmed
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from simtune.fit.calibration.bootstrap import Bootstrap
 from simtune.fit.calibration.model_checks import (
+    elsewhere_warning,
     has_comparison,
     held_out_misfit,
     is_motion_unexplained,
@@ -68,6 +69,7 @@ __all__ = [
     "calibrated",
     "correlated_pairs",
     "count_fit_steps",
+    "elsewhere_warning",
     "fit_to_budget",
     "has_comparison",
     "held_out_misfit",

@@ -10,6 +10,7 @@ from simtune.fit import (
     bound_warnings,
     calibrated,
     correlated_pairs,
+    elsewhere_warning,
     has_comparison,
     held_out_misfit,
     is_motion_unexplained,
@@ -53,13 +54,21 @@ def conclude(
     is_wrong = is_motion_unexplained(fit, bootstrap) or fit.is_too_late
     is_sound = has_comparison(bootstrap) and not is_wrong
     doubtful = np.array([not is_sound or name in at_bounds for name in space.names])
+    elsewhere = bootstrap.is_elsewhere(fit.misfit)
+    doubtful[space.is_appearance] |= elsewhere
+    doubtful[~space.is_appearance] |= elsewhere.any()
+    visible = [space.names[i] for i in np.flatnonzero(space.is_appearance)]
     estimate = replace(
         read,
         verdict=at_most_weak(read.verdict, doubtful),
         correlation=trusted.correlation,
         correlations=correlated_pairs(trusted.correlation, space),
         ranks=ranks(bootstrap, space.names),
-        warnings=[*model_checks(fit, bootstrap), *at_bounds.values()],
+        warnings=[
+            *model_checks(fit, bootstrap),
+            *elsewhere_warning(fit, bootstrap, visible),
+            *at_bounds.values(),
+        ],
         held_out=held_out_misfit(fit, bootstrap),
         start=fit.starts[0].tolist(),
         latency_steps=fit.latency_steps,

@@ -26,6 +26,7 @@ _BINS, _FEWEST = 8, 40  # of spreads; least number of pictures in each
 _LEAST_PX = 0.05
 _FEWEST_OF_WORLD = 6  # least number of pictures in which a world's keypoint is seen
 _FEWEST_WORLDS = 4  # least number whose mean error is taken off
+_FAR = 2.0  # standard deviations of a common error, from which a mean error is another one
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,11 @@ class DetectorNoise:
         shape = (len(curves), bins)
         middles, stds = (np.reshape([curve[i] for curve in curves], shape) for i in (0, 1))
         return cls(middles, stds, offset, common, bias)
+
+    def is_off(self, other: "DetectorNoise") -> bool:
+        """Whether a keypoint's mean error is farther from `other`'s than `other` allows for."""
+        allowed = np.hypot(other.common_px, _LEAST_PX)
+        return bool((np.abs(self.offset_px - other.offset_px) > _FAR * allowed).any())
 
     @property
     def usual_px(self) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Whether a fit explains the videos as well as refits explain those of known worlds."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,13 @@ _NOTHING_FOUND = (
     "In the known worlds fitted for comparison nothing that moves is found for sure, so how well "
     "the simulator moves as the videos do cannot be tested: none of it is called identified. Film "
     "what moves larger."
+)
+
+
+_ELSEWHERE = (
+    "What shows {} is not where the fit has it: there, pixels are {:.0f} of 255 levels off, {:.0f} "
+    "times as far as in worlds that the simulator can make. So these, and what the motion tells, "
+    "are at most weak. Give it more minutes or more episodes."
 )
 
 
@@ -64,6 +72,16 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
             "before it is found."
         )
     return warnings + _late(fit)
+
+
+def elsewhere_warning(fit: FitResult, bootstrap: Bootstrap, visible: Sequence[str]) -> list[str]:
+    """If pixels that show `visible` parameters are of something else; see `is_elsewhere`."""
+    which = np.flatnonzero(bootstrap.is_elsewhere(fit.misfit))
+    if not which.size:
+        return []
+    ratios, noise = bootstrap.picture_ratios(fit.misfit)[which], np.array(fit.misfit.picture)[which]
+    worst, names = int(ratios.argmax()), ", ".join(np.array(visible)[which])
+    return [_ELSEWHERE.format(names, 255 * noise[worst], ratios[worst])]
 
 
 def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:

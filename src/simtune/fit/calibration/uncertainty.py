@@ -16,15 +16,18 @@ def calibrated(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> F
     """The fit with bias removed, and with the standard deviations that refits show.
 
     These include what fits like this usually claim; they grow if this one explains the motion, or
-    the pixels that show a parameter, worse than the refits do. Then less of the bias is removed,
-    since something else is wrong. The motion's discrepancy is added in the end: refits have none,
-    so they must not scale it down; it is independent between parameters, and dilutes correlations.
+    the pixels that show a parameter, worse than the refits do, and all do if such pixels are of
+    something else. Then less of the bias is removed, since something else is wrong. The motion's
+    discrepancy is added in the end: refits have none, so they must not scale it down; it is
+    independent between parameters, and dilutes correlations.
     """
     worse = np.full(len(fit.std), max(1.0, *bootstrap.motion_ratios(fit.misfit)))
     # A fit to pictures claims more where pixels are noisier, but `believed` takes half of it away,
     # or all if it claims less than is usual.
     noisier = np.maximum(1.0, bootstrap.picture_ratios(fit.misfit))
-    worse[~fit.is_moving] = np.sqrt(noisier)
+    elsewhere = bootstrap.is_elsewhere(fit.misfit)
+    worse[fit.is_moving] *= np.sqrt(noisier[elsewhere].max(initial=1))
+    worse[~fit.is_moving] = np.where(elsewhere, noisier, np.sqrt(noisier))
     believed, refitted = bootstrap.believed(fit.std), fit.refitted_discrepancy_std
     unit = space.to_unit(fit.parameters) - bootstrap.bias() * np.hypot(believed, refitted) / worse
     inflation = bootstrap.inflation()
