@@ -57,6 +57,9 @@ def test_a_result_tells_what_result_json_does(result):
     written = result.content["parameters"]["pole_mass"]
     assert (found.mean, found.low, found.high) == tuple(written[k] for k in ("mean", "low", "high"))
     assert (found.name, found.unit, found.nominal) == ("pole_mass", "kg", 0.1)
+    with pytest.raises(KeyError, match=r"no parameter 'pole_mas' .*; did you mean 'pole_mass'"):
+        _ = result.parameters["pole_mas"]
+    assert result.parameters.get("pole_mas") is None
     assert found.real == 0.1
     assert found.verdict in ("identified", "weak", "not identifiable")
     assert result.task == "cartpole"

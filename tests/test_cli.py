@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,6 +25,8 @@ import torch
 from simtune import cli
 from simtune.cli import commands
 from simtune.cli.parse import parse
+from simtune.config import TuneConfig
+from simtune.config.checks import flag
 from simtune.devices import choose_device
 from simtune.errors import InputError, blame
 from simtune.progress import ProgressBar
@@ -124,7 +127,7 @@ def dataset(recorded, tmp_path) -> Path:
         ),
         (["check", "cartpole", "--real", "pseudo"], "leave out --real pseudo"),
         (["check", "cartpole", "--real", "lerobot"], "lerobot is a robot, and check moves none"),
-        (["check", "cartpole", "--real", "psuedo"], "psuedo: no such folder or file$"),
+        (["check", "cartpole", "--real", "psuedo"], "--real psuedo: no such folder or file$"),
         (
             ["tune", "cartpole", "--out", "OUT", "--real", "psuedo"],
             "no such folder or file; did you mean pseudo",
@@ -497,7 +500,7 @@ def test_a_name_that_is_nearly_there_is_suggested_at_once(tmp_path):
             **{"cwd": tmp_path, "capture_output": True, "text": True, "timeout": 120},
         )
         assert done.returncode == 2
-        assert done.stderr.startswith("simtune: pendul")
+        assert done.stderr.startswith(("simtune: pendul", "simtune: --real pendulum_rum: no"))
         assert done.stderr.endswith(("mean pendulum_run?\n", "mean pendulum.toml?\n"))
 
 
@@ -687,6 +690,25 @@ def test_help_prints_the_usage_and_the_options_of_tune(simtune, command):
         assert "minutes" in out
 
 
+def test_help_lists_a_commands_own_options_first_in_whole_sentences(simtune, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    _, out, _ = simtune("tune", "--help")
+    shown = re.findall(r"^[│ ] {1,2}(--[a-z-]+)", out, re.MULTILINE)
+    assert shown[:2] == ["--out", "--real-episodes"]
+    assert set(shown) == {flag(field.name) for field in fields(TuneConfig)} - {"--task"}
+    assert "(default: None)" not in out
+    assert "(default: 8.0)" in out
+    assert "(by default all, at most 10)" in out  # the docstring breaks the line in there
+
+
+def test_help_of_all_shows_what_to_type_first(simtune):
+    _, out, _ = simtune("--help")
+    typed = re.findall(r"^  simtune (.*)", out, re.MULTILINE)
+    assert [line.split()[0] for line in typed] == ["check", "tune", "export"]
+    for line in typed:
+        parse(line.split())
+
+
 def test_an_order_to_end_is_not_blamed_on_a_users_code():
     with pytest.raises(ToldToEnd), blame("the code failed"):
         raise ToldToEnd(signal.SIGTERM)
@@ -834,3 +856,20 @@ def test_scores_of_small_rewards_keep_their_digits(tmp_path):
     result = {"method": "dr", "warnings": [], "return": {"mean": 0.42, "std": 0.31, "episodes": 10}}
     _say_result(result, tmp_path, said.append)
     assert said[0] == "return 0.420 ± 0.310 in 10 episodes"
+
+
+def test_the_terminal_says_how_many_intervals_hold_the_truth(tmp_path):
+    from simtune.cli.of_runs import _say_result
+
+    def told(search: str) -> str:
+        said: list[str] = []
+        entry = {"initial": 2.0, "mean": 1.2, "real": 1.0, "percent_error": 20.0}
+        ends = {"missed": {"low": 1.1, "high": 1.3}, "held": {"low": 0.9, "high": 1.3}}
+        found = {name: entry | pair | {"verdict": "weak"} for name, pair in ends.items()}
+        result = {"method": "autotune", "search": search, "parameters": found, "warnings": []}
+        _say_result(result | {"percent_error": 20.0}, tmp_path, said.append)
+        return "\n".join(said)
+
+    assert "mean error 20.0 %\n1 of 2 intervals hold the truth" in told("posterior")
+    assert "hold the truth" not in told("paper")
+    assert "no intervals by this search" in told("paper")

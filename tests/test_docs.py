@@ -3,10 +3,8 @@
 `python tests/test_docs.py` writes the tables anew.
 """
 
-import ast
 import inspect
 import re
-import textwrap
 from dataclasses import MISSING, fields
 from pathlib import Path
 
@@ -15,6 +13,7 @@ import pytest
 
 import simtune
 from simtune import config
+from simtune.cli.help import texts
 from simtune.tasks import load_task
 
 FOLDER = Path(__file__).parents[1] / "docs" / "commands"
@@ -34,21 +33,8 @@ POSITIONAL |= {"grid": "GRID", "folder": "DIR"}
 TABLE = re.compile(r"\| option \|.*?(?=\n\n|\n?\Z)", re.S)
 
 
-def documented(cls: type) -> dict[str, str]:
-    """What stands below each field, those of base classes first."""
-    told: dict[str, str] = {}
-    for base in reversed(cls.__mro__[:-1]):
-        (body,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
-        assert isinstance(body, ast.ClassDef)
-        for field, below in zip(body.body, body.body[1:], strict=False):
-            if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
-                assert isinstance(field.target, ast.Name)
-                told[field.target.id] = " ".join(ast.literal_eval(below.value).split())
-    return told
-
-
 def table(cls: type) -> str:
-    told, lines = documented(cls), ["| option | default | |", "|---|---|---|"]
+    told, lines = texts(cls), ["| option | default | |", "|---|---|---|"]
     for field in fields(cls):
         is_needed = field.default is MISSING
         name = POSITIONAL.get(field.name) or f"--{field.name.replace('_', '-')}"

@@ -67,9 +67,26 @@ def test_interquartile_mean_leaves_out_a_quarter_on_either_side():
     assert centre([1, 2, 3, 90]).mean == 2.5
 
 
-def test_the_interval_of_two_seeds_by_hand():
-    """Drawn with replacement, a quarter of means is each value and half are between."""
+def test_the_interval_of_fewer_than_five_seeds_is_from_the_lowest_to_the_highest(tmp_path):
     assert centre([0, 10])[:3] == (5, 0, 10)
+    assert centre([3, 0, 100, 5])[:3] == (4, 0, 100)
+    of_five = centre([3, 0, 100, 5, 4])
+    assert of_five.low > 0
+    assert of_five.high < 100
+    make_run(tmp_path)
+    assert "run from the lowest seed to the highest; of five" in write_figures(tmp_path).read_text()
+
+
+def test_a_bracket_whose_ends_read_alike_is_left_out(tmp_path):
+    for seed in (0, 1):
+        path = make_run(tmp_path, "oracle", seed, task="rope_peg", returned=-20 - seed)
+        result = json.loads((path / "result.json").read_text())
+        result["success"] = {"mean": 1.0, "std": 0.0, "episodes": 10}
+        (path / "result.json").write_text(json.dumps(result))
+    page = write_figures(tmp_path).read_text()
+    assert "<td data-head='Success'><span>100 %</span></td>" in page
+    assert "-20.5 <small>[-21.0, -20.0]</small>" in page
+    assert f"<h1>Runs of {tmp_path.name}</h1>" in page
 
 
 def test_a_single_seed_has_no_interval():

@@ -245,12 +245,16 @@ def test_report_of_a_search_without_intervals_calls_the_range_what_it_is(run_pat
     html, page = _report(run_path)
     assert "Searched range" in page.text
     assert "It is no interval: how far off the truth may be, this search does not tell." in html
+    assert "This search gives no intervals, so nothing is judged here" in page.text
+    assert "weak Not judged." in page.text
     for absent in ("90 %", "take the interval", "known worlds", "crosses one half", "identified,"):
         assert absent not in page.text
     assert "class='interval'" not in html
     table = repr(Result(read_run(run_path)))
     assert "searched range" in table
-    assert "90 %" not in table
+    for absent in ("90 %", "first range"):
+        assert absent not in table
+        assert absent not in page.text
 
 
 def test_report_of_a_run_without_a_fit_speaks_of_none(run_path):
@@ -266,6 +270,24 @@ def test_report_of_a_run_without_a_fit_speaks_of_none(run_path):
     assert "90 % interval" in page.text
 
 
+def test_report_says_which_intervals_miss_a_known_truth(run_path):
+    def miss(result):
+        for facts in result["parameters"].values():
+            facts |= {"low": facts["real"] / 2, "high": 2 * facts["real"]}
+        result["parameters"]["ball_mass"] |= {"low": 0.07, "real": 0.065}
+        result["parameters"]["cup_r"]["low"] = None
+
+    _edit(run_path / "result.json", miss)
+    html, page = _report(run_path)
+    assert "8 of 9 intervals hold the truth" in page.text
+    assert "0.0650 outside" in page.text
+    assert html.count("<b>outside</b>") == 1
+    _edit(run_path / "result.json", lambda result: result.update(search="paper"))
+    html, page = _report(run_path)  # low and high are no interval's ends
+    assert "hold the truth" not in page.text
+    assert "<b>outside</b>" not in html
+
+
 def test_report_without_truth(run_path):
     def forget(result):
         for facts in result["parameters"].values():
@@ -275,6 +297,7 @@ def test_report_without_truth(run_path):
     html, page = _report(run_path)
     assert "Truth" not in page.text
     assert "mean error" not in page.text
+    assert "hold the truth" not in page.text
     assert "class='truth'" not in html
 
 
@@ -426,7 +449,11 @@ def test_report_shows_what_check_said_beside_what_came_out(run_path):
     _edit(run_path / "result.json", lambda r: r.update(facts))
     _edit(run_path / "result.json", lambda r: r["parameters"]["cup_r"].update(wide))
     assert "cup_r seen in pictures – – a known colour" in promise(run_path, 1)
-    assert "and this one errs less" in promise(run_path, 1)
+    said = promise(run_path, 1)
+    assert "Expected by check" in said
+    assert "half of a 90 % interval is 1.64 of them. Less than 1 is narrower than check" in said
+    assert "or this interval is too narrow" in said
+    assert "Less than 1" not in promise(run_path, 2)
     _edit(run_path / "result.json", lambda r: r.update(check={"ball_mass": 3}))
     assert "What could be told" not in _report(run_path)[1].text
 

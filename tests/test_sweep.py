@@ -210,7 +210,14 @@ def test_the_docs_own_grid_is_one(tmp_path):
         ('[[runs]]\ncommand = "tuna"', "did you mean 'tune'"),
         ('[[runs]]\ncommand = "tune"', "task is missing"),
         ('[[runs]]\ncommand = "tune"\ntask = "cartpol"', "did you mean 'cartpole'"),
-        ('[[runs]]\ncommand = "tune"\ntask = "cartpole"\nsede = 1', "did you mean 'seed'"),
+        (
+            '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nsede = [0, 1]',
+            "grid.toml:4: no option 'sede' in simtune tune; did you mean 'seed'",
+        ),
+        (
+            '[options]\nname = "a"\n[[runs]]\ncommand = "tune"\ntask = "cartpole"',
+            "grid.toml:2: no option 'name' in simtune tune",
+        ),
         (
             '[[runs]]\ncommand = "tune"\ntask = "cartpole"\nseed = "a"',
             "--seed must be a whole n",

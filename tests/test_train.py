@@ -492,7 +492,10 @@ def test_a_policy_that_begins_to_learn_too_late_gives_a_warning(tmp_path, quick)
         ({"real": "film", "tried_episodes": 1}, "--tried-episodes goes with --real pseudo or a ro"),
         ({"method": "dr", "known_colour": "pole"}, "--known-colour .* --search posterior, got dr"),
         ({"preset": "paper", "known_colour": "pole"}, "--known-colour .* posterior, got paper"),
-        ({"device": "cuda:99"}, "--device cuda:99 cannot be used here"),
+        (
+            {"device": "cuda:99"},
+            "cuda:99 cannot be used here: .*; give --device cpu or auto$",
+        ),
         ({"task": "cartpol"}, "did you mean 'cartpole'"),
         ({"method": "regression", "window": 250}, "--window must be at most an episode's"),
     ],

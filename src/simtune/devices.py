@@ -14,7 +14,10 @@ def choose_device(name: str) -> str:
     try:
         torch.empty(0, device=name)
     except (RuntimeError, AssertionError) as error:
-        raise InputError(f"--device {name} cannot be used here: {error}") from None
+        reason = str(error).partition("\n")[0]
+        raise InputError(
+            f"--device {name} cannot be used here: {reason}; give --device cpu or auto"
+        ) from None
     if name != "cpu" and not _can_draw(name):
         raise InputError(
             f"--device {name}: PyTorch can use it, but Warp, which draws, cannot (an old driver?): "

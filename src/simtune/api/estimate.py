@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+from simtune.errors import UnknownName
+
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
@@ -27,3 +29,14 @@ class Estimate:
         names = [field.name for field in fields(cls)]
         known: dict[str, Any] = dict.fromkeys(names) | {**facts, "name": name}
         return cls(**{key: known[key] for key in names})
+
+
+class Estimates(dict[str, Estimate]):
+    """{name: estimate} of a run; the KeyError of another name says what there is."""
+
+    def __init__(self, parameters: Mapping[str, Mapping[str, Any]], run: str):
+        super().__init__({name: Estimate.read(name, p) for name, p in parameters.items()})
+        self._run = run
+
+    def __missing__(self, name: str) -> Estimate:
+        raise KeyError(str(UnknownName("parameter", name, self._run, self)))

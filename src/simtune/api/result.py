@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from simtune.api import table
-from simtune.api.estimate import Estimate
+from simtune.api.estimate import Estimate, Estimates
 from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
 from simtune.api.policy import Policy
 from simtune.api.spelling import in_python
@@ -73,7 +73,7 @@ class Result:
     @cached_property
     def parameters(self) -> dict[str, Estimate]:
         """{name: estimate}, in the order of arrays such as `covariance`."""
-        return {name: Estimate.read(name, facts) for name, facts in self._run.parameters.items()}
+        return Estimates(self._run.parameters, str(self.path))
 
     @property
     def covariance(self) -> np.ndarray:

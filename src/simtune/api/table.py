@@ -38,15 +38,16 @@ def html(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> str
 def table_rows(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> Rows:
     """Texts of the cells: the head, then one row per parameter."""
     is_known = any(is_number(p.get("real")) for p in parameters.values())
-    named = ("estimate", between(search), "of first range", "verdict")
-    named = named if search else ("mean", between(search))
+    has_intervals = search == "posterior"
+    named = ("estimate" if search else "mean", between(search))
+    named += ("of first range",) * has_intervals + ("verdict",) * bool(search)
     heads = ("parameter", "unit", "start", *named, *("truth", "off by") * is_known)
     rows: list[tuple[str, ...]] = [heads]
     for name, p in parameters.items():
         cells = [name, unit(p), number(p["initial"]), number(p["mean"]), interval(p)]
         covered = p.get("interval_share")
-        if search:
-            cells += [share(covered) if is_number(covered) else MISSING, str(p.get("verdict"))]
+        cells += [share(covered) if is_number(covered) else MISSING] * has_intervals
+        cells += [str(p.get("verdict"))] * bool(search)
         cells += [number(p.get("real")), percent(p.get("percent_error"))] * is_known
         rows.append(tuple(cells))
     return rows

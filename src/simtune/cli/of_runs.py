@@ -48,12 +48,17 @@ def train(config: TrainConfig, say: Say) -> Done:
 def _say_result(result: dict[str, Any], out: Path, say: Say) -> Done:
     """Print the estimates if there are any, all warnings, and a policy's scores."""
     from simtune.api.table import lines
+    from simtune.report.trust import num_holding
     from simtune.report.words import number
 
     if result["method"] not in UNTUNED:
         say("\n".join(lines(result["parameters"], result["search"])))
         if "percent_error" in result:
             say(f"mean error {result['percent_error']:.1f} %")
+        if result["search"] != "posterior":
+            say('no intervals by this search: "weak" says only that it moved the estimate')
+        elif (held := num_holding(result["parameters"]))[1]:
+            say("{} of {} intervals hold the truth".format(*held))
     for warning in result["warnings"]:
         say(f"warning: {warning}")
     if "return" in result:

@@ -14,6 +14,7 @@ import tyro
 
 from simtune.cli.commands import Command
 from simtune.cli.completion import completion_mended
+from simtune.cli.help import EXAMPLES, asks_for_help, with_help
 from simtune.config.checks import flag
 from simtune.errors import InputError, UnknownName
 
@@ -36,9 +37,9 @@ def parse(typed: Sequence[str]) -> Any:
         with contextlib.redirect_stderr(stderr), completion_mended(typed, commands):
             config = (tyro.conf.DisallowNone,)  # an optional option is omitted, not set to None
             return tyro.cli(  # type: ignore[call-overload]
-                Command,
+                with_help(commands) if asks_for_help(typed) else Command,
                 prog="simtune",
-                description="The command line: `simtune COMMAND --help` says what each takes.",
+                description=EXAMPLES,
                 args=typed,
                 config=config,
             )

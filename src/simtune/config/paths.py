@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from simtune.config.checks import flag
 from simtune.config.real import NO_RECORDINGS, RealConfig
 from simtune.errors import InputError
 
 _RUNS = ("run_folder", "run_folders")
-_OTHERS = ("task", "folder", "grid", "real", "parameters", "real_parameters", "robot")
+_POSITIONAL = ("task", "folder", "grid")
+_OPTIONS = ("real", "parameters", "real_parameters", "robot")
 
 
 def check_paths(options: Any) -> None:
@@ -18,7 +20,7 @@ def check_paths(options: Any) -> None:
 
     The code that reads it would also complain, but only after seconds of loading packages.
     """
-    for name in (*_RUNS, *_OTHERS):
+    for name in (*_RUNS, *_POSITIONAL, *_OPTIONS):
         value = getattr(options, name, None)
         for path in value if isinstance(value, tuple) else (value,):
             # A text may be too long for a file's name, which Path would not take
@@ -26,7 +28,8 @@ def check_paths(options: Any) -> None:
                 continue
             if name == "task" and not path.endswith(".toml"):
                 continue
-            said = f"{path}: no such folder or file"
+            named = f"{flag(name)} {path}" if name in _OPTIONS else path
+            said = f"{named}: no such folder or file"
             if name in _RUNS:
                 said = f"{path} is no run: there is no such folder"
             others = NO_RECORDINGS if name == "real" and isinstance(options, RealConfig) else ()

@@ -3,7 +3,8 @@
 As recommended by Agarwal et al. 2021 ("Deep reinforcement learning at the edge of the statistical
 precipice"): the interquartile mean, which a lucky or unlucky seed does not change, and percentile
 bootstrap intervals, stratified by task for several tasks. With fewer than four values, nothing is
-trimmed, and the result is the mean.
+trimmed, and the result is the mean. A bootstrap of fewer than five values says no more than how far
+apart they lie, so their interval is that: from the lowest to the highest.
 """
 
 from collections.abc import Sequence
@@ -13,10 +14,11 @@ import numpy as np
 from scipy import stats
 
 _RESAMPLES = 2000  # for intervals of 95 %, scipy's default
+_FEW = 5  # fewer values have no bootstrap interval
 
 
 class Centre(NamedTuple):
-    """An interquartile mean and its 95 % interval."""
+    """An interquartile mean and its interval: of 95 %, or of few values from lowest to highest."""
 
     mean: float
     low: float
@@ -31,7 +33,10 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 
 def centre(values: Sequence[float]) -> Centre:
     """Centre of the values of several seeds; the interval of a single one is NaN."""
-    return stratified([values])
+    if not 1 < len(values) < _FEW:
+        return stratified([values])
+    mean = float(interquartile_mean(np.asarray(values, float)))
+    return Centre(mean, float(min(values)), float(max(values)), len(values))
 
 
 def stratified(strata: Sequence[Sequence[float]]) -> Centre:

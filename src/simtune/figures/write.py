@@ -44,7 +44,7 @@ def write_figures(folder: Path | str) -> Path:
             overall=[(t, tables.overall(group), len(group)) for t, group in _trainings(found)],
             num_runs=len(records),
             unfinished=unfinished,
-            title=folder.resolve().name,
+            title=f"Runs of {folder.resolve().name}",
             written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         )
         write_atomically(folder / PAGE, page)

@@ -128,7 +128,7 @@ def _check_filmed(config: RealConfig, real: RobotReal) -> None:
 def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
     """(N,) parameters from a JSON object of names and values; missing ones are nominal.
 
-    Also accepts a run's result.json, or parameters.json of an export.
+    Also accepts a run's result.json, or parameters.json of an export. Raises InputError.
     """
     if path is None:
         return space.nominal.copy()
@@ -144,4 +144,7 @@ def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
     if isinstance(found, dict):
         means = (e.get("mean") if isinstance(e, dict) else e for e in found.values())
         values = dict(zip(found, means, strict=True))
-    return space.from_dict(values)
+    try:
+        return space.from_dict(values)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

@@ -85,6 +85,8 @@ def _environment() -> Environment:
     environment.globals |= {f.__name__: f for f in drawn} | {
         "between": words.between,
         "how": words.how,
+        "holds_truth": trust.holds_truth,
+        "num_holding": trust.num_holding,
         "reasons": promise.reasons,
         "ends_farther": part_plots.ends_farther,
     }

@@ -1,4 +1,4 @@
-"""Best possible and actual interval of each parameter, reasons for the difference, and remedies."""
+"""Expected and actual interval of each parameter, reasons for the difference, and remedies."""
 
 import math
 from typing import Any, NamedTuple
@@ -18,10 +18,10 @@ _ASSUMED_PX = 0.5  # detector error that `check` assumes
 
 
 class Promise(NamedTuple):
-    """Best possible and actual interval of a parameter, as text."""
+    """Interval of a parameter as `check` expects it, and as it came out, as text."""
 
     name: str
-    at_best: str  # half of the 90 % interval predicted by `check`
+    expected: str  # half of the 90 % interval predicted by `check`
     found: str  # half of the actual one
     times: float | None  # ratio of both
     help: str  # what would narrow the interval; empty: nothing is missing
@@ -46,7 +46,7 @@ def compare(run: RunData) -> list[Promise]:
 
 
 def reasons(run: RunData) -> list[str]:
-    """Reasons why intervals are wider than the best possible, one sentence each."""
+    """Reasons why intervals are wider than expected, one sentence each."""
     num, sentences = _num_refits(run), []
     if not run.has_pictures:
         return ["What the model leaves of the readings, and episodes that disagree, widen them."]
@@ -80,19 +80,19 @@ def reasons(run: RunData) -> list[str]:
 
 def _of(run: RunData, name: str, facts: dict[str, Any], prediction: dict[str, Any]) -> Promise:
     """A parameter's promise; `facts`: of the result, `prediction`: of `check`."""
-    at_best, half, suffix = None, None, f" {unit(facts)}".rstrip()
+    expected, half, suffix = None, None, f" {unit(facts)}".rstrip()
     low, high = facts.get("low"), facts.get("high")
     if is_number(std := prediction.get("std_percent")):
-        at_best, suffix = STDS_90 * std, " %"
+        expected, suffix = STDS_90 * std, " %"
         if is_number(low) and is_number(high) and low > 0:
             half = 50 * math.log(high / low)
     elif is_number(std := prediction.get("std")):
-        at_best = STDS_90 * std
+        expected = STDS_90 * std
         half = (high - low) / 2 if is_number(low) and is_number(high) else None
-    times = half / at_best if half and at_best else None
-    best = "seen in pictures" if at_best is None else f"±{number(at_best)}{suffix}"
+    times = half / expected if half and expected else None
+    told = "seen in pictures" if expected is None else f"±{number(expected)}{suffix}"
     found = "" if half is None else f"±{number(half)}{suffix}"
-    return Promise(name, best, found, times, _help(run, facts, prediction, times))
+    return Promise(name, told, found, times, _help(run, facts, prediction, times))
 
 
 def _help(

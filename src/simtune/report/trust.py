@@ -1,6 +1,6 @@
-"""Trust in the estimates: ranks in known worlds, and correlated parameters."""
+"""Trust in the estimates: known truths, ranks in known worlds, and correlated parameters."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +9,20 @@ from simtune.validate import is_number
 
 _POSE = ("x", "y", "z", "pitch", "yaw", "roll")
 _KINDS = {"ratio": "/", "product": "·", "difference": "−", "sum": "+"}
+
+
+def holds_truth(facts: Mapping[str, Any]) -> bool | None:
+    """Whether a parameter's interval holds its truth; None if either is unknown."""
+    low, truth, high = (facts.get(key) for key in ("low", "real", "high"))
+    if not (is_number(low) and is_number(truth) and is_number(high)):
+        return None
+    return low <= truth <= high
+
+
+def num_holding(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[int, int]:
+    """(intervals that hold their truth, intervals whose truth is known)."""
+    held = [holds for facts in parameters.values() if (holds := holds_truth(facts)) is not None]
+    return sum(held), len(held)
 
 
 def ranks(run: RunData) -> dict[str, list[float]]:

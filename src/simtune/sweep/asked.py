@@ -56,10 +56,6 @@ class AskedRun:
     def config(self) -> TuneConfig | TrainConfig:
         """The command's config. Raises InputError for options that the command would refuse."""
         kind = COMMANDS[self.command]
-        known = [field.name for field in fields(kind) if field.name not in _OWN]
-        for name in self.options:
-            if name not in known:
-                raise UnknownName("option", name, f"simtune {self.command}", known)
         check_types(kind, self.options)
         paths = {name: Path(self.values[name]) for name in _PATHS if name in self.values}
         config = kind(**self.values | paths, out=Path(self.name))
@@ -77,6 +73,13 @@ class AskedRun:
             elif name != "task":
                 typed += [f"--{flag}", str(value)]
         return typed
+
+
+def check_name(command: str, name: str) -> None:
+    """Raises UnknownName for a name that is no option of a sweep's `command`."""
+    known = [field.name for field in fields(COMMANDS[command]) if field.name not in _OWN]
+    if name not in known:
+        raise UnknownName("option", name, f"simtune {command}", known)
 
 
 def short(value: Any, folder: Path) -> str:

@@ -2,12 +2,12 @@
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
-from simtune.sweep.asked import COMMANDS, AskedRun, short
+from simtune.sweep.asked import COMMANDS, AskedRun, check_name, short
 from simtune.sweep.contents import check_options
 from simtune.tasks import AnyTask, load_any_task
 from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
@@ -26,12 +26,11 @@ def read_grid(file: Path) -> list[AskedRun]:
     table = read_toml(file)
     table.allow("options", "runs")
     usual, found = table.table("options"), dict[str, AskedRun]()
-    common = {key: usual.value(key) for key in usual}
     blocks = table.tables("runs")
     if not blocks:
         raise table.error("it asks for no runs: declare some after a line [[runs]]")
     for block in blocks:
-        for run in _multiplied(block, common):
+        for run in _multiplied(block, usual):
             other = found.setdefault(run.name, run).asked
             if other != run.asked:
                 keys = sorted({key for key, _ in other.items() ^ run.asked.items()})
@@ -42,10 +41,10 @@ def read_grid(file: Path) -> list[AskedRun]:
     return sorted(found.values(), key=lambda run: run.seed)
 
 
-def _multiplied(block: TomlTable, common: dict[str, Any]) -> Iterator[AskedRun]:
-    """The runs of a block, with checks. Raises InputError."""
+def _multiplied(block: TomlTable, usual: TomlTable) -> Iterator[AskedRun]:
+    """The runs of a block, with checks; `usual`: options of all blocks. Raises InputError."""
     command = block.choice("command", COMMANDS)
-    options = common | {key: block.value(key) for key in block if key not in _OF_BLOCK}
+    options = _options(usual, command) | _options(block, command, _OF_BLOCK)
     if "task" not in options:
         raise block.error("task is missing: a built-in task, a tuning file, or a list of them")
     axes = [value if isinstance(value, list) else [value] for value in options.values()]
@@ -72,6 +71,15 @@ def _multiplied(block: TomlTable, common: dict[str, Any]) -> Iterator[AskedRun]:
                 tasks[source] = load_any_task(source)
             check_options(config, tasks[source])
         yield run
+
+
+def _options(table: TomlTable, command: str, besides: Sequence[str] = ()) -> dict[str, Any]:
+    """A table's options, all keys but `besides`. Raises InputError for what `command` has not."""
+    found = {key: table.value(key) for key in table if key not in besides}
+    for key in found:
+        with table.at(key):
+            check_name(command, key)
+    return found
 
 
 def _name(
