@@ -11,8 +11,9 @@ from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.table import _extents
 from simtune.config import CheckConfig, TuneConfig
+from simtune.errors import InputError
 from simtune.recordings import write_dataset
-from simtune.tasks import load_any_task
+from simtune.tasks import Task, load_any_task
 from simtune.trajectory import Trajectory
 
 SCENE = """
@@ -98,6 +99,17 @@ def test_pictures_are_larger_where_what_moves_is_small(folder, caplog):
     (folder / "scene.xml").write_text(SCENE)
     near = load_any_task(path)  # twice as near: 4 pixels
     assert choose_image_size(config, near, "posterior") == 64
+
+
+def test_recordings_that_are_missing_are_said_before_any_world_is_made(folder, monkeypatch):
+    task = load_any_task(path := far(folder))
+    monkeypatch.setattr(Task, "simulator", lambda *_, **__: pytest.fail("made a simulator"))
+    for config in (
+        TuneConfig(task=path, out=folder / "run", real=str(folder / "none")),
+        CheckConfig(task=path, real=str(folder / "none")),
+    ):
+        with pytest.raises(InputError, match="no such folder"):
+            choose_image_size(config, task, "posterior")
 
 
 @pytest.mark.parametrize(("recorded_px", "chosen"), [(48, 64), (96, 96), (240, 128)])

@@ -30,6 +30,15 @@ name = "gear"
 kind = "gear"
 objects = "turn"
 """
+DAMPING = """
+model = "scene.xml"
+control_timestep_s = 0.02
+actions = {mapping = "direct"}
+[[parameters]]
+name = "damping"
+kind = "damping"
+objects = "elbow"
+"""
 AT_KEYFRAME = "kind = 'keyframe'\nkeyframe = 'KEY'"
 AROUND_KEYFRAME = (
     "kind = 'distribution'\nkeyframe = 'KEY'\njoints = {elbow = {position = [-1.5, -0.5]}}"
@@ -83,6 +92,41 @@ def test_a_replay_begins_where_the_recording_does_not_where_the_task_does(
     for t in (0, STEPS // 2):  # also from its middle
         ended = physics.play(begun, np.repeat(unit[None], 2, 0), actions, left[:, t])[0][:, -1]
         np.testing.assert_allclose(angles(ended) - begun[:, 0], pulled_by, atol=1e-4)
+
+
+REMEMBERS = """
+<mujoco><extension><plugin plugin="mujoco.pid"/></extension>
+  <option timestep=".002" gravity="0 0 0"/>
+  <worldbody><camera name="front" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>
+    <body><joint name="elbow" axis="0 -1 0" damping="1"/>
+    <geom size=".01" pos=".5 0 0" mass="1"/></body></worldbody>
+  <actuator>ACTUATOR</actuator>
+</mujoco>"""
+REMEMBERED = {
+    "integrated error": '<pid joint="elbow" kp="20" ki="40" input="pos"/>',
+    "current": '<dcmotor joint="elbow" motorconst="2" resistance="1" inductance=".2"/>',
+    "of a plugin": """<plugin joint="elbow" plugin="mujoco.pid" actdim="1">
+        <config key="kp" value="20"/><config key="ki" value="40"/></plugin>""",
+}
+
+
+@pytest.mark.parametrize("what", REMEMBERED)
+def test_a_replay_from_the_middle_has_what_actuators_remember_of_the_motion(
+    folder, load, monkeypatch, what
+):
+    monkeypatch.setattr("simtune.simulation.filming.make_renderer", lambda *_: None)
+    (folder / "scene.xml").write_text(REMEMBERS.replace("ACTUATOR", REMEMBERED[what]))
+    task = load(DAMPING)
+    simulator, unit = (
+        task.simulator(image_size=16),
+        task.parameters.to_unit(task.parameters.nominal),
+    )
+    physics = Physics(simulator, angles_of, still(task)[0, 0])
+    actions, begun = np.full((1, STEPS, 1), 0.5), np.array([[-1.5, 2.0]])  # not as the task does
+    true = physics.states(physics.play(begun, unit[None], actions)[0])
+    left, middle = physics.replay_actuators(actions, true, unit), STEPS // 4
+    again, _ = physics.play(true[:, middle], unit[None], actions[:, middle:], left[:, middle])
+    np.testing.assert_allclose(physics.states(again), true[:, middle:], atol=1e-6)
 
 
 def angles_of(batch) -> np.ndarray:

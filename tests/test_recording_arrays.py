@@ -147,13 +147,14 @@ def test_no_picture_stands_in_for_one_beyond_the_last(tmp_path):
     [
         ({"hz": None}, "has no hz; there are: actions, frames"),
         ({"hz": 0.0}, "expected hz as rows a second, got 0"),
-        ({"hz": np.array([20.0])}, "expected hz as one number, got (1,) float64"),
+        ({"hz": np.array([20.0])}, "expected hz as one number, got numbers of shape (1,)"),
+        ({"hz": np.array("20")}, "expected hz as one number, got one text"),
         ({"frames": None}, "has no pictures; expected frames (T + 1, H, W, 3) uint8"),
         ({"frames": np.zeros((25, 8, 8, 3))}, "expected frames as (T + 1, H, W, 3) uint8"),
         ({"frames": np.zeros((25, 8, 8), np.uint8)}, "expected frames as numbers of 4 axes"),
         ({"frames": grey(range(9))}, "got 24 actions and rows {'frames': 9}"),
         ({"actions": np.zeros((24, 2, 2))}, "expected actions as (T, D)"),
-        ({"actions": np.array(["up"] * 24)}, "expected actions as numbers"),
+        ({"actions": np.array(["up"] * 24)}, "as numbers, got texts of shape (24,)"),
         ({"actions": np.full((24, 3), np.nan)}, "action"),
         ({"action_names": ["x"]}, "expected action_names as 3 texts"),
     ],
@@ -228,8 +229,10 @@ def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):
         write_arrays([], tmp_path)
     with pytest.raises(InputError, match=r"real\[0\] is a list; expected a dict"):
         write_arrays([[1]], tmp_path)
-    with pytest.raises(InputError, match=r"real\[0\]: expected frames as numbers, got object"):
+    with pytest.raises(InputError, match=r"real\[0\]: expected frames as numbers, got Python obj"):
         write_arrays([episode(frames=[None])], tmp_path)
+    with pytest.raises(InputError, match=r"real\[0\]: expected hz as one number, got one text"):
+        write_arrays([episode() | {"hz": "20"}], tmp_path)
     whole = episode()
     with pytest.raises(InputError, match=r"real\[1\]: expected a row of frames .* got 3 rows"):
         write_arrays([whole, whole | {"frames": whole["frames"][:3]}], tmp_path / "none")

@@ -5,6 +5,7 @@ import json
 import math
 import shutil
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -12,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from other_keypoints import find_others
+from servo import cartpole_with_servo
 
 from simtune import tuning, tuning_run
 from simtune.before_after import videos
@@ -29,6 +31,7 @@ from simtune.real.truth import Truth
 from simtune.recordings import decode, write_dataset
 from simtune.run.checkpoint import load_state, newest
 from simtune.run.files import read_json, read_jsonl
+from simtune.simulation import JointActions
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory, seen_late
 from simtune.tuning.estimate import Estimate
@@ -510,7 +513,10 @@ def test_parameters_as_runs_exports_and_people_write_them(tmp_path):
         path.write_text(json.dumps(content))
         assert SPACE.to_dict(read_parameters(path, SPACE))["pole_mass"] == 0.2
     path.write_text(json.dumps({"parameters": {"pole_mass": {"low": 0.1}}}))
-    with pytest.raises(InputError, match="'pole_mass' must be a finite number, got None"):
+    with pytest.raises(InputError, match=r"json: .* 'pole_mass' must be a finite number, got"):
+        read_parameters(path, SPACE)
+    path.write_text(json.dumps({"pole_mas": 0.2}))
+    with pytest.raises(InputError, match=r"parameters\.json: no parameter 'pole_mas'"):
         read_parameters(path, SPACE)
 
 
@@ -630,6 +636,23 @@ def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each):
     actions = np.zeros((64, 1, simulator.num_actions))
     others = simulator.roll_out(np.tile(parameters, (64, 1)), actions, rng).states[:, 0]
     assert distance(found[None])[0] < 0.1 * np.median(distance(others))
+
+
+def test_what_a_servo_remembers_goes_with_the_start_that_is_found():
+    """A slow servo that displaces its cart from where it is: its filter settled there."""
+    task = dataclasses.replace(
+        TASK,
+        load_spec=partial(cartpole_with_servo, kv=2, timeconst=0.15),
+        map_actions=partial(JointActions, per_unit=0.3),
+    )
+    simulator, config = task.simulator(image_size=40), StartSearchConfig(num_starts=16, rounds=3)
+    real = Trajectory(
+        np.full((5, 40, 40, 3), 90, np.uint8), np.full((4, 1), 0.5, np.float32), simulator.step_s
+    )
+    start = videos.find_start(simulator, real, SPACE.nominal, np.random.default_rng(0), config)
+    (act,) = start[simulator.state_space.remembered]
+    gear = simulator.model.actuator_gear[0, 0]
+    assert act == pytest.approx(gear * (start[1] + 0.3 * 0.5))
 
 
 def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from simtune.errors import InputError, blame
-from simtune.recordings import check_episode
+from simtune.recordings import check_episode, in_words
 from simtune.run.files import sync_folder, write_atomically
 
 log = logging.getLogger(__name__)
@@ -99,7 +99,8 @@ def _arrays(i: int, episode: Episode) -> dict[str, Any]:
         with blame(f"real[{i}]: expected {key} as an array, its rows of one length"):
             arrays[key] = np.asarray(value)
     if wrong := [key for key, array in arrays.items() if array.dtype.kind not in "fiuU"]:
-        raise InputError(f"real[{i}]: expected {wrong[0]} as numbers, got {arrays[wrong[0]].dtype}")
+        got = in_words(arrays[wrong[0]])
+        raise InputError(f"real[{i}]: expected {wrong[0]} as numbers, got {got}")
     check_episode(f"real[{i}]", arrays)
     _check_rows(i, arrays)
     return arrays

@@ -12,7 +12,7 @@ import numpy as np
 
 from simtune.before_after.unexplained import marked, unexplained
 from simtune.recordings import write_video
-from simtune.simulation import AnySimulator
+from simtune.simulation import AnySimulator, Rollouts, Simulator
 from simtune.trajectory import Trajectory, delayed, seen_late
 from simtune.tuning.estimate import Estimate
 
@@ -118,7 +118,8 @@ def find_start(
         starts = starts + spread * 0.5**round_ * rng.normal(size=starts.shape)
         more, its_distance = _compare(simulator, first, parameters, rng, num, starts)
         states, distance = np.append(states, more, 0), np.append(distance, its_distance)
-    return states[np.argmin(distance)]
+    nearest = states[np.argmin(distance)][None]
+    return _play(simulator, first, parameters[None], rng, nearest).states[0, 0]
 
 
 def _compare(
@@ -129,17 +130,36 @@ def _compare(
     num: int,
     starts: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(num, S) starts, or the task's own, and (num,) distances of pictures from the real ones."""
-    actions = np.repeat(real.actions[None].astype(float), num, axis=0)
+    """(num, S) starts, or the task's own, and (num,) distances of pictures from the real ones.
+
+    A model's starts are those before any action: what actuators remember goes with each start.
+    """
     worlds = np.repeat(parameters[None], num, axis=0)
-    rollouts = simulator.roll_out(worlds, actions, rng, starts=starts, keep_diverged=True)
+    if starts is None and isinstance(simulator, Simulator):
+        starts = simulator.begin(worlds, rng).states[:, 0]
+    rollouts = _play(simulator, real, worlds, rng, starts)
     frames, states = simulator.film(rollouts), rollouts.states
     difference = np.square(frames.astype(np.float32) - real.frames).mean(-1)
     steps = states.shape[1]
     covered = simulator.covers(states.reshape(num * steps, -1), np.repeat(worlds, steps, 0))
     covered = covered.reshape(difference.shape)
     distance = (difference * covered).sum((1, 2, 3)) / np.maximum(covered.sum((1, 2, 3)), 1)
-    return states[:, 0], distance
+    return states[:, 0] if starts is None else starts, distance
+
+
+def _play(
+    simulator: AnySimulator,
+    real: Trajectory,
+    worlds: np.ndarray,
+    rng: np.random.Generator,
+    starts: np.ndarray | None,
+) -> Rollouts:
+    """A real episode's actions in (n, N) worlds, from (n, S) starts; None: the task's own."""
+    actions = np.repeat(real.actions[None].astype(float), len(worlds), axis=0)
+    if starts is None or not isinstance(simulator, Simulator):
+        return simulator.roll_out(worlds, actions, rng, starts=starts, keep_diverged=True)
+    act, num_steps = (lambda t, _: actions[:, t]), actions.shape[1]
+    return simulator.play(worlds, act, num_steps, rng, starts=starts, is_beginning=True)
 
 
 def film_from(

@@ -34,10 +34,11 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
         raise InputError(f"--image-size goes with pictures, and {who} looks at none")
     if config.image_size or search != "posterior" or not isinstance(task, Task):
         return config.image_size or usual
+    # Before the worlds, which take seconds of a large model: recordings may be unreadable
+    recorded_px = _recorded_px(config, task, seen, usual) or _LARGEST_PX
     largest_px = _largest_px(task, seen, usual)
     if largest_px >= FEW_PX:
         return usual
-    recorded_px = _recorded_px(config, task, seen, usual) or _LARGEST_PX
     size = min(enough_size(largest_px, usual), _LARGEST_PX, recorded_px)
     if size <= usual:
         return usual

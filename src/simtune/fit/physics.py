@@ -89,8 +89,8 @@ class Physics:
 
         That is delayed controls, and the states of filters and muscles, in worlds of the (N,)
         parameters in unit coordinates. If actions are relative, or integrated from where a joint
-        begins, they also depend on the motion, for which (E, T + 1, nq + nv) guesses at the states
-        are used.
+        begins, or actuators remember the motion (a <pid>'s error, a <dcmotor>'s current), they also
+        depend on the motion, for which (E, T + 1, nq + nv) guesses at the states are used.
         """
         num_episodes, num_steps, _ = actions.shape
         model, simulator = self.simulator.model, self.simulator
@@ -98,7 +98,7 @@ class Physics:
             shape = (num_episodes, num_steps + 1, len(self._full_state))
             return np.broadcast_to(self._full_state, shape)
         worlds = np.repeat(self.parameters.from_unit(unit)[None], num_episodes, 0)
-        if not simulator.action_mapping.is_relative and not simulator.held.integrated.size:
+        if not simulator.action_mapping.is_relative and not simulator.held.is_of_motion:
             return simulator.roll_out(worlds, actions, self._rng, keep_diverged=True).states
         full_states = [self._begun(states[:, 0], worlds)]
         for t in range(num_steps):

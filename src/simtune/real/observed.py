@@ -7,6 +7,7 @@ from pathlib import Path
 from simtune.config import RecordingsConfig
 from simtune.errors import InputError, UnknownName
 from simtune.observation import ObservationModel, Sensor
+from simtune.real.turnings import turnings_of
 from simtune.recordings import Dataset, open_dataset
 from simtune.tasks import AnyTask, Task
 
@@ -40,14 +41,21 @@ def open_recordings(
     films = [camera.footage for camera in observation.cameras]
     if config.camera and len(films) > 1:
         raise InputError("--camera names one of the recordings' cameras; here [[cameras]] does")
+    if isinstance(task, Task):
+        model = task.load_model()
+        mapping = task.map_actions(model)
+        names, turnings = mapping.names, turnings_of(model, mapping, observation.sensors)
+    else:
+        names, turnings = task.load_actions().names, []
     dataset = open_dataset(
         path,
         cameras=[replace(footage, key=config.camera or footage.key) for footage in films],
         image_size=image_size,
-        num_actions=len(task.load_actions().names),
+        num_actions=len(names),
         actions=config.action_names or (task.action_columns if isinstance(task, Task) else None),
         control_hz=config.control_hz,
         readings={sensor.name: sensor.columns for sensor in observation.sensors},
+        turnings=turnings,
     )
     _check_pace(dataset, task)
     return dataset

@@ -15,6 +15,7 @@ from simtune.recordings.readings import NO_PERIODS, NO_READINGS, choose_readings
 from simtune.recordings.resample import counted_on
 from simtune.recordings.source import Source, choose_actions
 from simtune.recordings.steps import Steps, check_rate, make_steps
+from simtune.recordings.turning import Turning, commands_counted_on
 from simtune.trajectory import Trajectory
 
 _KEPT_PX = 256  # largest height of frames that `skim` returns
@@ -33,7 +34,8 @@ class Dataset:
     number that the task needs. `readings`, {sensor: columns}, names the columns of each sensor's
     readings, see `choose_readings`. `control_hz` is the number of steps per second (None: the
     recordings' rate): frames are the nearest in time, actions are averaged over each step, and
-    readings are interpolated linearly.
+    readings are interpolated linearly. `turnings` are actions that may begin again after a turn;
+    their columns are those of the used actions, and of all sensors' readings side by side.
 
     Raises:
         InputError: the recordings do not fit; one line says what was expected and what to do.
@@ -49,13 +51,14 @@ class Dataset:
         actions: Sequence[str] | None = None,
         control_hz: float | None = None,
         readings: Mapping[str, Sequence[str]] = NO_READINGS,
+        turnings: Sequence[Turning] = (),
     ):
         if image_size is not None and image_size < 1:
             raise InputError(f"image_size must be at least 1 pixel, got {image_size}")
         self._source, self._film, self._image_size = source, film, image_size
         self._columns = choose_actions(source, actions, num_actions)
         self._sensors = choose_readings(source.path, source.readings, readings)
-        self._asked = readings
+        self._asked, self._turnings = readings, turnings
         self._own_rate = control_hz is None
         self.step_s = 1 / (control_hz or source.fps)
         self._seen: dict[int, Seen] = {}
@@ -164,7 +167,10 @@ class Dataset:
             check_rate(where, rows, self.step_s)
         rows = replace(
             rows,
-            actions=rows.actions[:, self._columns],
+            # Before resampling, as readings below
+            actions=commands_counted_on(
+                rows.actions[:, self._columns], rows.readings, self._turnings
+            ),
             until_s=self._film.until_s(episode, self._source, rows) if self._film else rows.until_s,
             # Before resampling: on a line across the jump, an encoder would turn back.
             readings=counted_on(rows.readings, self._of_all(periods)),

@@ -12,6 +12,13 @@ from simtune.recordings.npz import Npz
 from simtune.recordings.source import MOST_ACTIONS, MOST_ROWS, is_rate, short
 from simtune.recordings.video import MOST_PIXELS
 
+_KINDS = {kind: ("one number", "numbers") for kind in "fiu"} | {
+    "U": ("one text", "texts"),
+    "S": ("one text as bytes", "texts as bytes"),
+    "b": ("one truth value", "truth values"),
+    "c": ("one complex number", "complex numbers"),
+}
+
 
 @dataclass(frozen=True)
 class EpisodeArrays:
@@ -35,9 +42,7 @@ class EpisodeArrays:
         if found.dtype.kind not in "fiu" or ndim not in (None, found.ndim):
             wanted = "one number" if ndim == 0 else "numbers"
             wanted += f" of {ndim} axes" * bool(ndim)
-            raise InputError(
-                f"{self.path}: expected {key} as {wanted}, got {found.shape} {found.dtype}"
-            )
+            raise InputError(f"{self.path}: expected {key} as {wanted}, got {in_words(found)}")
         return found
 
     def numbers(self, key: str, ndim: int | None = None) -> np.ndarray:
@@ -95,6 +100,12 @@ class EpisodeArrays:
         if names.shape != (num,) or names.dtype.kind not in "U" + "f" * (num == 0):
             raise InputError(f"{self.path}: expected action_names as {num} texts, got {names}")
         return tuple(map(str, names.tolist()))
+
+
+def in_words(array: np.ndarray) -> str:
+    """What an array holds, such as "one text" or "numbers of shape (3, 2)"."""
+    one, many = _KINDS.get(array.dtype.kind, ("one Python object", "Python objects"))
+    return f"{many} of shape {array.shape}" if array.ndim else one
 
 
 def _is_table(array: np.ndarray) -> bool:

@@ -14,6 +14,7 @@ from simtune.recordings.pairs import TABLE, VIDEOS, PairsSource
 from simtune.recordings.readings import NO_READINGS
 from simtune.recordings.robomimic import RobomimicSource
 from simtune.recordings.source import Source, short
+from simtune.recordings.turning import Turning
 
 _HDF5 = (".hdf5", ".h5")
 
@@ -27,6 +28,7 @@ def open_dataset(
     actions: Sequence[str] | None = None,
     control_hz: float | None = None,
     readings: Mapping[str, Sequence[str]] = NO_READINGS,
+    turnings: Sequence[Turning] = (),
 ) -> Dataset:
     """Open a LeRobotDataset v3.0 or v2, robomimic's HDF5, or a folder of arrays or of pairs.
 
@@ -47,6 +49,7 @@ def open_dataset(
         actions=actions,
         control_hz=control_hz,
         readings=readings,
+        turnings=turnings,
     )
 
 

@@ -8,6 +8,8 @@ from simtune.simulation.servos import position_servos
 
 _DYN = mujoco.mjtDyn
 _FILTERS = (_DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
+# Activations that controls alone change; others also depend on how the joint moved
+_OF_CONTROLS = (*_FILTERS, _DYN.mjDYN_INTEGRATOR.value, _DYN.mjDYN_MUSCLE.value)
 _FIXED, _AFFINE = mujoco.mjtGain.mjGAIN_FIXED.value, mujoco.mjtBias.mjBIAS_AFFINE.value
 
 
@@ -34,6 +36,10 @@ class HeldControls:
         self._places, self._place_controls = np.array(places, int), np.array(controls, int)
         self._integrators = _integrators(model)
         self.integrated = model.actuator_actadr[self._integrators]  # (I,) their activations
+        of_motion = ~np.isin(model.actuator_dyntype, _OF_CONTROLS) | (model.actuator_plugin >= 0)
+        # Whether what actuators remember also depends on the motion, or on where it began
+        self.is_of_motion = bool((of_motion & (model.actuator_actnum > 0)).any())
+        self.is_of_motion |= self.integrated.size > 0
         limited = np.asarray(model.actuator_ctrllimited, bool)
         self._low, self._high = np.full(model.nu, -np.inf), np.full(model.nu, np.inf)
         self._low[limited], self._high[limited] = model.actuator_ctrlrange[limited].T
