@@ -13,6 +13,8 @@ from test_export import a_run, differences, the_tuned_world
 from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export import export
+from simtune.export.mjcf import write_spec
+from simtune.export.round_trip import compare
 from simtune.parameters.inferred import write_down_inferred
 
 pytestmark = pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass'")
@@ -179,6 +181,61 @@ def test_nothing_is_inferred_anew_or_left_out(xml, toml, tmp_path):
     for path in paths:
         exported = mujoco.MjModel.from_xml_path(str(path))
         assert differences(exported, expected, rtol=1e-4) == [], path.name
+
+
+# A keyframe without positions, a plate and a speck whose inertias MJCF's six digits would spoil
+THIN = """
+<mujoco>
+  <worldbody>
+    <camera name="front" pos="0 -2 .5" xyaxes="1 0 0 0 0 1"/>
+    <body name="arm" pos="0 0 .5"><joint name="shoulder" axis="0 1 0"/><geom name="rod" size=".1"/>
+    </body>
+    {plates}
+    <body pos="2 0 1"><joint/><geom size=".0001" mass="1e-5"/></body>
+  </worldbody>
+  <actuator><motor name="turn" joint="shoulder"/></actuator>
+  <keyframe><key name="home" ctrl=".3"/></keyframe>
+</mujoco>
+""".format(
+    plates="\n".join(
+        f'<body pos="1 0 1"><joint/><geom type="box" size=".2{i} .1{3 * i % 10} 5e-5" mass="1" '
+        'euler="10 20 30"/></body>'
+        for i in range(10)
+    )
+)
+OF_THIN = """
+model = "scene.xml"
+camera = "front"
+control_timestep_s = 0.05
+parameters = [{name = "zero", kind = "joint_offset", objects = ["shoulder"]}]
+"""
+
+
+def test_thin_bodies_and_keyframes_without_positions_are_kept(tmp_path):
+    paths, expected = exported_both_ways(THIN, OF_THIN, tmp_path)
+    for path in paths:
+        exported = mujoco.MjModel.from_xml_path(str(path))
+        inertia = exported.body_inertia
+        np.testing.assert_allclose(inertia, expected.body_inertia, rtol=2e-5, atol=2e-11)
+        np.testing.assert_allclose(exported.key_qpos, expected.key_qpos)
+        np.testing.assert_allclose(exported.qpos0, expected.qpos0, atol=1e-6)
+
+
+def test_numbers_without_effect_need_not_be_in_the_mjcf(tmp_path):
+    """A cylinder has two sizes, a sphere one, and any axes across a body of revolution fit."""
+    spec = mujoco.MjSpec.from_string(
+        """<mujoco><worldbody><geom type="cylinder" size=".03 .2 .1"/><site size=".01 .02 .03"/>
+        <body><joint/><geom type="capsule" fromto=".01 .01 .01 .17 .17 .17" size=".031"/>
+        <geom pos=".18 .18 .18" size=".04"/></body></worldbody></mujoco>"""
+    )
+    write_spec(spec, tmp_path)
+    before, after = spec.compile(), mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
+    assert before.geom_size[0, 2] != after.geom_size[0, 2]
+    assert before.site_size[0, 1] != after.site_size[0, 1]
+    assert not np.allclose(before.body_iquat, after.body_iquat, atol=1e-3)
+    after.body_iquat[1] = [1, 0, 0, 0]
+    with pytest.raises(RuntimeError, match="writes no body_iquat"):
+        compare(after, before, {"body_iquat"})
 
 
 # A free body whose frame MuJoCo moves to its centre of mass

@@ -1,5 +1,6 @@
 """Parameters of servos, by hand on models of one joint: damping, lag, limits of the torque."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -97,6 +98,21 @@ def test_a_gain_does_not_move_the_target_of_a_servo_of_another_scale(load, folde
     ModelWriter(task.parameters, model).write(model, np.array([1.5]))
     servo = model.actuator("servo")
     assert (servo.gainprm[0], *servo.biasprm[:3]) == (1.5, 30, -300, -10)
+
+
+@pytest.mark.parametrize("component", [0, 2, 7])
+def test_the_passive_force_of_a_muscle_is_tuned_with_the_active_one(load, folder, component):
+    muscle = '<muscle name="push" joint="sled" force="30" lengthrange="0 1"/>'
+    motor = '<motor name="push" joint="sled"/>'
+    xml = re.sub("<key .*/>", "", SCENE).replace(motor, muscle)
+    (folder / "scene.xml").write_text(xml)
+    own = "field = 'actuator_gainprm'\nobjects = 'push'\nlow = 0.1\nhigh = 90"
+    task = load(f"name = 'force'\n{own}\ncomponent = {component}")
+    model = task.load_model()
+    ModelWriter(task.parameters, model).write(model, np.array([50.0]))
+    push = model.actuator("push")
+    assert push.gainprm[component] == 50
+    np.testing.assert_array_equal(push.biasprm, push.gainprm)
 
 
 def test_damping_is_the_force_against_the_velocity(load):
@@ -216,6 +232,49 @@ def test_a_factor_on_limits_acts_on_the_joints_limits_too(load, tmp_path):
         data.actuator("elbow").ctrl = data.actuator("servo").ctrl = 9
         mujoco.mj_forward(model, data)
         np.testing.assert_allclose(data.qfrc_actuator, [3 * 2, 3 * 2], rtol=1e-6)
+
+
+def test_a_factor_needs_no_limits_beside_those_of_joints(load, tmp_path):
+    of_joint, of_slide = ('name="elbow" axis', "-2 2"), ('type="slide"', "-6 6")
+    xml = re.sub(r"<(motor|velocity|intvelocity).*|<position name=.follows.*|<key .*/>", "", SCENE)
+    xml = xml.replace('forcerange="-2 2"', "")
+    for place, limits in (of_joint, of_slide):
+        xml = xml.replace(place, f'actuatorfrcrange="{limits}" {place}')
+    (tmp_path / "scene.xml").write_text(xml)
+    task = load("name = 'most'\nkind = 'torque_limit'\nobjects = ['elbow', 'servo']")
+    model = task.load_model()
+    ModelWriter(task.parameters, model).write(model, np.array([1.5]))
+    np.testing.assert_allclose(model.actuator_forcerange, [[-3, 3], [-9, 9]])
+
+
+def test_a_limit_of_several_actuators_together_is_none_of_one(load, tmp_path):
+    (tmp_path / "scene.xml").write_text(
+        SCENE.replace('type="slide"', 'type="slide" actuatorfrcrange="-6 6"')
+    )
+    with pytest.raises(InputError, match="push is one of several actuators whose sum is limited"):
+        load(parameter("most", "torque_limit", "push", nominal=2))
+    model = load(parameter("most", "torque_limit", "servo")).load_model()
+    assert model.jnt_actfrclimited[model.joint("sled").id]
+
+
+def test_a_limit_of_a_tendon_is_that_of_its_actuator(load, tmp_path):
+    cord = '<fixed name="cord" actuatorfrcrange="-4 4"><joint joint="elbow" coef="1"/></fixed>'
+    xml = SCENE.replace("<actuator>", f"<tendon>{cord}</tendon><actuator>")
+    (tmp_path / "scene.xml").write_text(
+        xml.replace('<position name="elbow" joint="elbow"', '<position name="elbow" tendon="cord"')
+    )
+    task, mean = load(parameter("most", "torque_limit", "elbow")), np.array([9.0])
+    assert task.parameters.nominal == [4]
+    out = export(ExportConfig(run_folder=a_run(tmp_path, task, mean), out=tmp_path / "out"))
+    copy = tmp_path / "copy.xml"
+    script = [sys.executable, str(out / "apply.py"), str(tmp_path / "scene.xml"), str(copy)]
+    subprocess.run(script, check=True)
+    for path in (out / "model.xml", copy):
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(model)
+        data.actuator("elbow").ctrl = 9
+        mujoco.mj_forward(model, data)
+        assert data.qfrc_actuator[0] == pytest.approx(9)
 
 
 def test_an_actuator_that_is_a_filter_keeps_its_own_lag_and_keyframes_grow(load):

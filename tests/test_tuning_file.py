@@ -1082,6 +1082,19 @@ ONE = "\ncomponent = 1\nnominal = 0.5\nlow = 0.1\nhigh = 1"
         (f"field = 'site_size'\nobjects = 'dot'{ONE}", 8, "dot is a sphere, whose size has com"),
         ("kind = 'camera_pose'\nobjects = 'aimed'", 7, "aimed turns by itself, towards a body"),
         ("field = 'cam_quat'\ncomponent = 1\nobjects = 'aimed'", 8, "aimed turns by itself"),
+        (f"field = 'body_pos'\nobjects = 'loose'{ONE}", 7, "loose is free, so it lies where"),
+        (f"field = 'body_ipos'\nobjects = 'world'{ONE}", 7, "world is what everything else is pla"),
+        (f"field = 'qpos0'\nobjects = 'socket'\n{ONE[15:]}", 7, "socket is neither a hinge"),
+        (f"field = 'jnt_axis'\nobjects = 'socket'{ONE}", 7, "socket is neither a hinge nor a sl"),
+        (f"field = 'jnt_pos'\nobjects = 'float'{ONE}", 7, "float is a free joint, which is alwa"),
+        (f"field = 'geom_fluid'\nobjects = 'ball'{ONE}", 7, 'give it fluidshape="ellipsoid"'),
+        ("field = 'tendon_width'\nobjects = 'rope'", 7, "rope is over joints alone"),
+        ("field = 'actuator_cranklength'\nobjects = 'coil'", 7, "coil drives no slider-crank"),
+        (
+            f"field = 'eq_data'\nobjects = 'tie'{ONE}".replace("= 1", "= 5", 1),
+            8,
+            "tie is a joint equality, whose data has components 0 to 4, got component = 5",
+        ),
         (
             "field = 'body_inertia'\ncomponent = 2\nobjects = 'bar'\nhigh = 0.6",
             4,
@@ -1107,7 +1120,10 @@ def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, re
     <geom name="pin" type="capsule" size=".1 .1"/>
     <body name="bar"><joint name="hinge"/><geom name="cube" type="mesh" mesh="tent"/>
       <inertial pos="0 0 0" mass="1" diaginertia=".2 .3 .4"/></body>
+    <body name="loose"><freejoint name="float"/><geom size=".1"/></body>
+    <body><joint name="socket" type="ball"/><geom size=".1"/></body>
   </worldbody>
+  <equality><joint name="tie" joint1="hinge"/></equality>
   <tendon><fixed name="rope"><joint joint="hinge" coef="1"/></fixed></tendon>
   <actuator>
     <damper name="brake" joint="hinge" kv="1" ctrlrange="0 1"/>

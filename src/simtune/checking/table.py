@@ -92,9 +92,9 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
             f"{worst['mean']:g} ms on average"
         )
     film = " and ".join(films) or "no pictures looked at"
+    episodes = f"{facts['episodes']} episode{'s' * (facts['episodes'] != 1)}"
     return [
-        f"{facts['folder']}: {facts['kind']}, sound: {facts['episodes']} episodes, "
-        f"{facts['steps']} steps, {film}",
+        f"{facts['folder']}: {facts['kind']}, readable: {episodes}, {facts['steps']} steps, {film}",
         f"{facts['fps']:.6g} steps/s recorded, {facts['control_hz']:.6g} taken{lateness}",
         f"actions: {', '.join(ranges) or 'none'}",
         f"dataset hash {facts['dataset_hash']}",

@@ -10,8 +10,12 @@ import mujoco
 from simtune.export.mjcf import not_copied
 from simtune.export.training.rows import rows_of_object
 from simtune.parameters import ModelWriter, field_of, rows_of
-from simtune.parameters.fields import OF_JOINTS
-from simtune.parameters.inferred import write_down_inferred, write_down_springs
+from simtune.parameters.fields import DRIVEN
+from simtune.parameters.inferred import (
+    let_inertias_be_rounded,
+    write_down_inferred,
+    write_down_springs,
+)
 from simtune.tasks.tuning_file.name_all import name_all
 
 _SCRIPT = '''"""Write what simtune found into a MuJoCo model.
@@ -63,6 +67,8 @@ def tuned_spec(path: str) -> mujoco.MjSpec:
 {prepared}{not_copied}    model = spec.compile()
     apply(model)
     spec.copy_back(model)
+    let_inertias_be_rounded(spec)
+    spec.compile()  # else MuJoCo would write the inertias that it copied back
     return spec
 
 
@@ -96,9 +102,9 @@ if __name__ == "__main__":
 _PREPARED = """
 Before it is compiled, actuators need what those of model.xml have: a memory of controls (nsample)
 where they are late, a filter (dyntype) where they lag, and the limits (forcelimited) found; their
-joints no limit of their own beside it (actuatorfrclimited); bodies need some gravcomp where weight
-is compensated, and simple="false" where their centre (ipos, iquat), or the place or axis of a
-joint, was found."""
+joints and tendons no limit of their own beside it (actuatorfrclimited) if there it is off; bodies
+need some gravcomp where weight is compensated, and simple="false" where their centre (ipos, iquat),
+or the place or axis of a joint, was found."""
 
 _BY_INDEX = re.compile(
     r"(body|joint|geom|site|camera|light|tendon|actuator|equality|keyframe) \d+"
@@ -122,7 +128,7 @@ def apply_script(writer: ModelWriter, model: mujoco.MjModel) -> str:
         f"    spec.{kind}({name!r}).{attribute} = {value!r}\n"
         for kind, name, attribute, value in not_copied(writer, model)
     )
-    copied = rows_of_object, write_down_inferred, write_down_springs
+    copied = rows_of_object, write_down_inferred, let_inertias_be_rounded, write_down_springs
     functions = "\n\n".join(map(inspect.getsource, copied))
     named = ""
     if any(is_nameless(name) for _, _, name, _ in _found(writer, model)):
@@ -151,13 +157,22 @@ def _preparations(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[str]:
                 force_range = model.actuator(name).forcerange.tolist()
                 yield f"spec.actuator({name!r}).forcelimited = True"
                 yield f"spec.actuator({name!r}).forcerange = {force_range!r}"
-                actuator = model.actuator(name)
-                if actuator.trntype[0] in OF_JOINTS:
-                    joint = model.joint(actuator.trnid[0]).name  # whose limit would act as well
-                    yield f"spec.joint({joint!r}).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE"
+                yield from _without_limit(model, model.actuator(name))
+    if "qpos0" in writer.written:  # which keyframes without a qpos would follow
+        yield "for key, qpos in zip(spec.keys, spec.copy().compile().key_qpos):"
+        yield "    key.qpos = qpos"
     if any(parameter.is_lag for parameter in writer.space):
         for i, act in enumerate(model.key_act.tolist()):
             yield f"spec.keys[{i}].act = {act!r}"
+
+
+def _without_limit(model: mujoco.MjModel, actuator: Any) -> Iterator[str]:
+    """Lifts the limit of what the actuator drives, if the model has none, which would act too."""
+    kind, driven = DRIVEN.get(actuator.trntype[0]), actuator.trnid[0]
+    if kind and not getattr(model, f"{kind}_actfrclimited")[driven]:
+        owner = {"jnt": "joint", "tendon": "tendon"}[kind]
+        name = getattr(model, owner)(driven).name
+        yield f"spec.{owner}({name!r}).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE"
 
 
 def _found(writer: ModelWriter, model: mujoco.MjModel) -> Iterator[tuple[str, str, str, Any]]:

@@ -31,8 +31,15 @@ _DYN, _JNT = mujoco.mjtDyn, mujoco.mjtJoint
 HINGE_OR_SLIDE = (_JNT.mjJNT_HINGE.value, _JNT.mjJNT_SLIDE.value)
 # Transmissions of actuators that drive a joint
 OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
+# {transmission: prefix of what it drives, which may have a limit of its own (actuatorfrcrange)}
+DRIVEN = {**dict.fromkeys(OF_JOINTS, "jnt"), mujoco.mjtTrn.mjTRN_TENDON.value: "tendon"}
 # Dynamics of actuators that follow their control
 FOLLOWS = (_DYN.mjDYN_NONE.value, _DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
+FEW_SIZES = {  # shapes whose size is fewer than three numbers
+    mujoco.mjtGeom.mjGEOM_SPHERE.value: ("sphere", 1),
+    mujoco.mjtGeom.mjGEOM_CAPSULE.value: ("capsule", 2),
+    mujoco.mjtGeom.mjGEOM_CYLINDER.value: ("cylinder", 2),
+}
 _TIMESTEP = (
     "opt.timestep says how finely physics is computed, and a recording knows its own time: "
     "it cannot be tuned"

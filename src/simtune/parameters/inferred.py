@@ -3,6 +3,7 @@ other ones do not change them.
 """
 
 import mujoco
+import numpy as np
 
 
 def write_down_inferred(spec: mujoco.MjSpec) -> None:
@@ -37,6 +38,21 @@ def write_down_inferred(spec: mujoco.MjSpec) -> None:
             actuator.inheritrange = 0
             actuator.ctrlrange = model.actuator_ctrlrange[model.actuator_ctrladr[actuator.id]]
             actuator.actrange = model.actuator_actrange[actuator.id]
+
+
+def let_inertias_be_rounded(spec: mujoco.MjSpec) -> None:
+    """Change inertias by 1e-5 at most, so that MuJoCo accepts them with MJCF's six digits.
+
+    It writes numbers below 1e-12 as 0, and accepts no moment above the sum of the other two, which
+    that of a thin plate equals.
+    """
+    for body in spec.bodies[1:]:
+        if body.explicitinertial and body.mass > 0 and np.isnan(body.fullinertia[0]):
+            inertia = np.maximum(body.inertia, 1e-11)
+            largest = inertia.argmax()
+            others = inertia.sum() - inertia[largest]
+            inertia[largest] = min(inertia[largest], (1 - 1e-5) * others)
+            body.inertia = inertia
 
 
 def write_down_springs(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:

@@ -140,7 +140,9 @@ def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.nd
     if parameter.field_info.carries == "body_inertia":
         inertia = nominal["body_inertia"][rows]  # (objects, 3)
         fields["body_inertia"][:, rows] = inertia * ratio[..., None]
-    elif parameter.component == 0:
+    elif parameter.component is not None:
+        _carry_muscles(fields, rows, parameter.component, nominal)
+    if parameter.field_info.carries == "actuator_biasprm" and parameter.component == 0:
         # A servo's force is gain · control + bias0 − kp · position, or gain · control − gain ·
         # velocity. All must be scaled, else its target moves.
         gain, bias = nominal["actuator_gainprm"][rows, 0], nominal["actuator_biasprm"][rows]
@@ -148,6 +150,14 @@ def _carry(fields, parameter: Parameter, rows: np.ndarray, nominal, ratio: np.nd
         for i in np.flatnonzero((of_position | of_velocity) & (gain > 0)):
             for column in (0, 1) if of_position[i] else (2,):
                 fields["actuator_biasprm"][:, rows[i], column] = bias[i, column] * ratio[:, i]
+
+
+def _carry_muscles(fields, rows: np.ndarray, component: int, nominal) -> None:
+    """Give the passive force of muscles, which is the bias, the numbers of the active one."""
+    gain, bias = (nominal[f"actuator_{what}prm"][rows] for what in ("gain", "bias"))
+    muscles = rows[(gain == bias).all(1) & gain[:, 4:].any(1)]  # of the others none has so many
+    active = fields["actuator_gainprm"][:, muscles, component]
+    fields["actuator_biasprm"][:, muscles, component] = active
 
 
 def _rotated(quats: np.ndarray, axis: int, angles: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.parameters.fields import OF_JOINTS
+from simtune.parameters.fields import DRIVEN, OF_JOINTS
 from simtune.simulation.delays import remember_controls
 
 _DYN = mujoco.mjtDyn
@@ -28,20 +28,21 @@ def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> N
 
 
 def _limit_force(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator, parameter: Parameter) -> None:
-    """Give an actuator a limit of its own that `parameter` tunes, and its joint none.
+    """Give an actuator a limit of its own that `parameter` tunes, and what it drives none.
 
-    A factor multiplies the limit that acts: the narrower one of the actuator's and the joint's.
+    A factor multiplies the limit that acts: the narrower one of both.
     """
     ranges = [(actuator.forcelimited, actuator.forcerange)]
-    joint, gear = _driven(spec, actuator), actuator.gear[0]
-    if joint and gear and parameter.is_factor:
-        ranges.append((joint.actfrclimited, np.sort(joint.actfrcrange / gear)))
+    driven = _driven(spec, actuator)
+    gear = actuator.gear[0] if actuator.trntype in OF_JOINTS else 1.0
+    if driven and gear and parameter.is_factor:
+        ranges.append((driven.actfrclimited, np.sort(driven.actfrcrange / gear)))
     acting = [limits for limited, limits in ranges if _acts(limited, limits)]
     if not acting:
         acting = [np.array([-parameter.nominal, parameter.nominal])]
     actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
     actuator.forcerange = [max(low for low, _ in acting), min(high for _, high in acting)]
-    lift_joint_limit(spec, actuator)
+    lift_limit(spec, actuator)
 
 
 def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
@@ -105,17 +106,24 @@ def _actuators(
                 yield parameter, actuator
 
 
-def lift_joint_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> None:
-    """Remove a joint's own limit of actuator forces, where the actuator's replaces it.
+def lift_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> None:
+    """Remove the limit of actuator forces of a joint or tendon, where the actuator's replaces it.
 
-    URDF's `effort` is such a limit; beside it, larger ones would not act.
+    URDF's `effort` is such a limit; beside it, larger ones would not act. It stays where other
+    actuators drive the same, since it limits the sum.
     """
-    if joint := _driven(spec, actuator):
-        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    driven = _driven(spec, actuator)
+    if driven and sum(_driven(spec, other) == driven for other in spec.actuators) == 1:
+        driven.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
 
 
-def _driven(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> mujoco.MjsJoint | None:
-    return spec.joint(actuator.target) if actuator.trntype in OF_JOINTS else None
+def _driven(
+    spec: mujoco.MjSpec, actuator: mujoco.MjsActuator
+) -> mujoco.MjsJoint | mujoco.MjsTendon | None:
+    kind = DRIVEN.get(int(actuator.trntype))
+    if not kind:
+        return None
+    return spec.joint(actuator.target) if kind == "jnt" else spec.tendon(actuator.target)
 
 
 def _acts(limited: int, limits: np.ndarray) -> bool:

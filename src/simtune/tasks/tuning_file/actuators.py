@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from simtune.parameters.fields import HINGE_OR_SLIDE
-from simtune.simulation.prepare import lift_joint_limit
+from simtune.simulation.prepare import lift_limit
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
@@ -69,4 +69,4 @@ def _add(
     servo.forcelimited = limit is not None
     if limit is not None:
         servo.forcerange = [-limit, limit]
-        lift_joint_limit(spec, servo)
+        lift_limit(spec, servo)

@@ -13,6 +13,7 @@ from simtune.parameters.field_index import field_index
 from simtune.parameters.fields import KINDS, OF_JOINTS
 from simtune.parameters.model_writer import start_from_material
 from simtune.parameters.tunable import why_not_tunable
+from simtune.tasks.tuning_file.shared_limits import limits_of_driven, refuse_shared
 
 _MODEL = mujoco.MjModel
 # Only of meshes is a geom_aabb not derived
@@ -76,8 +77,11 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
         rows = rows_of(model, parameter.field, name)
         if problem := why_not_tunable(parameter.field_info, model, rows, name):
             raise InputError(problem)
-    if parameter.is_factor and parameter.field_info.form == "range":
-        _without_form(model, parameter, own_values(model, parameter))
+    if parameter.field_info.form == "range":
+        values = own_values(model, parameter)
+        refuse_shared(model, parameter.objects, _own_limits(model, parameter, values))
+        if parameter.is_factor:
+            _without_form(model, parameter, values)
 
 
 def check_gains(model: mujoco.MjModel, actuators: Iterable[str]) -> None:
@@ -132,12 +136,9 @@ def _without_form(model: mujoco.MjModel, parameter: Parameter, values: np.ndarra
         return -values
     if parameter.field_info.form == "play":
         return values[:, 1] - values[:, 0]
-    limits = np.where(_has_own(model, parameter)[:, None], values, np.nan)
-    if not parameter.is_factor:  # the narrower one acts
-        of_joints = _of_joints(model, parameter)
-        low, high = np.fmax(limits[:, 0], of_joints[:, 0]), np.fmin(limits[:, 1], of_joints[:, 1])
-        limits = np.stack([low, high], 1)
-    for name, (low, high) in zip(parameter.objects, limits, strict=True):
+    own, others = _own_limits(model, parameter, values), limits_of_driven(model, parameter.objects)
+    limits = np.stack([np.fmax(own[:, 0], others[:, 0]), np.fmin(own[:, 1], others[:, 1])], 1)
+    for name, (low, high) in zip(parameter.objects, limits, strict=True):  # the narrower one acts
         if np.isnan(low):
             wanted = "say nominal" if len(values) == 1 else "give it a parameter of its own"
             raise InputError(f"{name} has no limit (forcerange) in the model: {wanted}")
@@ -149,15 +150,9 @@ def _without_form(model: mujoco.MjModel, parameter: Parameter, values: np.ndarra
     return limits[:, 1]
 
 
-def _of_joints(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
-    """(objects, 2) limits of the joints that the actuators drive, as their forces; NaN: none."""
-    limits = np.full((len(parameter.objects), 2), np.nan)
-    for i, name in enumerate(parameter.objects):
-        actuator = model.actuator(name)
-        joint, gear = actuator.trnid[0], actuator.gear[0]
-        if actuator.trntype[0] in OF_JOINTS and model.jnt_actfrclimited[joint] and gear:
-            limits[i] = np.sort(model.jnt_actfrcrange[joint] / gear)
-    return limits
+def _own_limits(model: mujoco.MjModel, parameter: Parameter, values: np.ndarray) -> np.ndarray:
+    """The (objects, 2) `values` of actuators' own limits; NaN: none."""
+    return np.where(_has_own(model, parameter)[:, None], values, np.nan)
 
 
 def usual_unit(model: mujoco.MjModel, parameter: Parameter) -> str:

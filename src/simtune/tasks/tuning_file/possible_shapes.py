@@ -1,4 +1,4 @@
-"""What shapes and bodies allow: how many numbers a size has, and which inertias there are."""
+"""What objects allow: how many numbers of a size or equality count, and possible inertias."""
 
 from math import inf
 from typing import Literal
@@ -8,32 +8,37 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.parameters import Parameter, rows_of
+from simtune.parameters.fields import FEW_SIZES
 from simtune.tasks.tuning_file.field_defaults import moves_slide
 
-_FEW_SIZES = {  # shapes whose size is fewer than three numbers
-    mujoco.mjtGeom.mjGEOM_SPHERE.value: ("sphere", 1),
-    mujoco.mjtGeom.mjGEOM_CAPSULE.value: ("capsule", 2),
-    mujoco.mjtGeom.mjGEOM_CYLINDER.value: ("cylinder", 2),
+_FEW_DATA = {
+    mujoco.mjtEq.mjEQ_CONNECT.value: ("connect", 6),
+    mujoco.mjtEq.mjEQ_JOINT.value: ("joint equality", 5),
+    mujoco.mjtEq.mjEQ_TENDON.value: ("tendon equality", 5),
+    mujoco.mjtEq.mjEQ_WELD.value: ("weld", 11),
 }
+# {field: {type of its objects: its name, and how many numbers count}}, where fewer than the row has
+_FEW = {"geom_size": FEW_SIZES, "site_size": FEW_SIZES, "eq_data": _FEW_DATA}
 _EXPORTED = 1e-5  # relative: exported numbers are rounded, and MuJoCo forgives no such difference
 _ROUNDING = 1e-9
 
 
 def check_sizes(model: mujoco.MjModel, parameter: Parameter) -> None:
-    """Raises InputError for components of a size that an object's shape does not have."""
-    if parameter.field not in ("geom_size", "site_size"):
+    """Raises InputError for components of a size, or data, that an object's type does not have."""
+    few, component = _FEW.get(parameter.field), parameter.component
+    if few is None or (component is None and parameter.is_factor):
         return
-    component = parameter.component
-    if component is None and parameter.is_factor:
-        return
+    width = parameter.field_info.read(model).shape[1]
     types = getattr(model, f"{parameter.field_info.prefix}_type")
     for name in parameter.objects:
         kind = types[rows_of(model, parameter.field, name)].item()
-        shape, count = _FEW_SIZES.get(kind, ("", 3))
-        if count < 3 and (component is None or component >= count):
-            has = "component 0" if count == 1 else "components 0 and 1"
+        its_type, count = few.get(kind, ("", width))
+        if count < width and (component is None or component >= count):
+            last = f" {'and' if count == 2 else 'to'} {count - 1}"
+            has = "component 0" if count == 1 else f"components 0{last}"
             got = "none: say which" if component is None else f"component = {component}"
-            raise InputError(f"{name} is a {shape}, whose size has {has}, got {got}")
+            what = parameter.field.partition("_")[2]
+            raise InputError(f"{name} is a {its_type}, whose {what} has {has}, got {got}")
 
 
 def usual_range(
