@@ -277,9 +277,9 @@ def test_search_round_uses_readings_of_the_real_world_and_of_its_refits(tiny):
     assert np.isfinite(estimate.mean).all()
     assert np.isfinite(list(metrics.values())).all()
     assert {len(ranks) for ranks in estimate.ranks.values()} <= {1, 2}
-    # Held-out worlds, those near the real one, and two refits of three episodes
+    # Held-out worlds, those near the first guess and near the fit, and two refits of three episodes
     refits = [(3, STEPS + 1, 2)] * 2
-    assert sensor.measured == [(6, 8, 2), (6, 8, 2), *refits]
+    assert sensor.measured == [(6, 8, 2)] * 3 + refits
     assert sensor.explained == [(6, 8, 2), (3, STEPS + 1, 2), *refits]
 
 

@@ -7,6 +7,7 @@ from simtune.api.arrays import write_arrays
 from simtune.config import TuneConfig
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import read_episode
+from simtune.real.turnings import turnings_of
 from simtune.recordings.turning import Turning, commands_counted_on
 
 SCENE = """
@@ -65,6 +66,21 @@ def test_commands_that_a_servo_followed_stay_as_they_are():
     rng = np.random.default_rng(0)
     random = rng.uniform(-180, 180, (60, 1))
     np.testing.assert_array_equal(commands_counted_on(random, followed[:, :0], [without]), random)
+
+
+def test_commands_stay_within_what_their_servo_takes(folder, load):
+    """Counted on, they would stop it at the end of its range, in controls of twice the angle."""
+    ends = np.deg2rad([-330.0, 430.0])  # of the wheel
+    limited = f'<position ctrlrange="{2 * ends[0]} {2 * ends[1]}" '
+    (folder / "scene.xml").write_text(SCENE.replace("<position ", limited))
+    task = load(TUNING)
+    model = task.load_model()
+    (turning,) = turnings_of(model, task.map_actions(model), ())
+    np.testing.assert_allclose(np.deg2rad([turning.low, turning.high]) + 0.25, ends, atol=1e-6)
+    for last, is_within in ((turning.high - 1, True), (turning.high + 1, False)):
+        true = np.linspace(100, last, 60)[:, None]
+        counted = commands_counted_on(wrapped(true), np.empty((60, 0)), [turning])
+        np.testing.assert_allclose(counted, true if is_within else wrapped(true))
 
 
 def test_without_readings_commands_are_counted_on_in_time():

@@ -42,7 +42,7 @@ def open_recordings(
     if config.camera and len(films) > 1:
         raise InputError("--camera names one of the recordings' cameras; here [[cameras]] does")
     if isinstance(task, Task):
-        model = task.load_model()
+        model = task.nominal_model
         mapping = task.map_actions(model)
         names, turnings = mapping.names, turnings_of(model, mapping, observation.sensors)
     else:

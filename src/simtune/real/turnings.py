@@ -36,7 +36,10 @@ def turnings_of(
         angle = per_length * (bias[0] + gain * controls[0, control])  # at an action of 0
         per_unit = per_length * gain * per_action[action]
         place = model.jnt_qposadr[model.actuator_trnid[servo, 0]]
-        found.append(_turning(action, angle, per_unit, place, sensors))
+        ends = (model.actuator_ctrlrange[control] - controls[0, control]) / per_action[action]
+        ends = sorted(ends.tolist()) if model.actuator_ctrllimited[control] else (-np.inf, np.inf)
+        turning = _turning(action, angle, per_unit, place, sensors)
+        found.append(turning._replace(low=ends[0], high=ends[1]))
     return found
 
 
@@ -62,4 +65,4 @@ def _endless_servos(model: mujoco.MjModel) -> np.ndarray:
     of_joints = np.isin(model.actuator_trntype, OF_JOINTS) & (model.actuator_ctrlnum == 1)
     (ids,) = np.nonzero(of_joints & position_servos(model))
     is_endless = (model.jnt_type[joints[ids]] == _HINGE) & (model.jnt_limited[joints[ids]] == 0)
-    return ids[is_endless]
+    return ids[is_endless & (model.actuator_gear[model.actuator_outadr[ids], 0] != 0)]

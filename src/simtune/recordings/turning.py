@@ -18,6 +18,8 @@ class Turning(NamedTuple):
     reading: int | None = None  # column of the joint's readings; None: there are none
     scale: float = 1.0  # a reading is at the action `shift` + `scale` · reading
     shift: float = 0.0
+    low: float = -np.inf  # what the servo takes at most: beyond, it would stop
+    high: float = np.inf
 
 
 def commands_counted_on(
@@ -31,7 +33,9 @@ def commands_counted_on(
             period = np.array([turning.period / abs(turning.scale)])
             read = counted_on(readings[:, [turning.reading]], period)[:, 0]
             seen = turning.shift + turning.scale * read
-        counted[:, turning.action] = _counted_on(commands, seen, turning.period)
+        found = _counted_on(commands, seen, turning.period)
+        if found.min() >= turning.low and found.max() <= turning.high:
+            counted[:, turning.action] = found
     return counted
 
 

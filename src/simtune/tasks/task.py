@@ -117,6 +117,11 @@ class Task:
         named = {"success": self.success, "near_success": self.near_success}
         return {name: goal for name, goal in named.items() if goal}
 
+    @cached_property
+    def nominal_model(self) -> mujoco.MjModel:
+        """To look at: it is compiled once, so nobody may change it."""
+        return self.load_model()
+
     def load_model(self, step_s: float | None = None) -> mujoco.MjModel:
         """The nominal model, compiled anew; see `spec_for`."""
         return self.spec_for(step_s).compile()

@@ -38,7 +38,8 @@ _NO_FIT = (
     "called identified but what joint readings tell alone. Give it more minutes."
 )
 _WORTH_BEGINNING = 0.5  # of a fit's time: with more left, a refit may be finished
-_WORTH_REPEATING = 4.0  # fits' time: with more left, there is time for another one and its refits
+# Fits' time: with more left, there is time for another one and its refits; it may take so much
+_WORTH_REPEATING, _REPEATED = 4.0, 1.5
 
 
 @dataclass(kw_only=True)
@@ -155,14 +156,15 @@ class Judging:
         budget.report("fitting", 0.6)
         found = PointEstimate(fit.parameters, np.where(fit.is_moving, self.start.std, fit.std))
         noise = self.learning.film_near(self.learned, found, budget).noise()
-        if not noise.is_off(self.stage.noise):
+        if not noise.is_off(self.stage.noise) or budget.seconds_left < _WORTH_REPEATING * fit_s:
             return fit
         stage = replace(self.stage, noise=noise)
         colours = np.where(fit.is_moving, self.start.parameters, fit.parameters)
         start = self.start._replace(parameters=colours)
         try:
             observed = stage.observed(*self.learned.detected)
-            part = budget.part(budget.seconds_left, (0.6, 0.65))
+            seconds = budget.seconds_left if budget.is_endless else _REPEATED * fit_s
+            part = budget.part(seconds, (0.6, 0.65))
             fit = stage.fit(observed, start, True, finds_latency, part)
         except OutOfTime:
             return fit

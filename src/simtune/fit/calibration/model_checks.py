@@ -28,9 +28,10 @@ _NOTHING_FOUND = (
 
 
 _ELSEWHERE = (
-    "What shows {} is not where the fit has it: there, pixels are {:.0f} of 255 levels off, {:.0f} "
-    "times as far as in worlds that the simulator can make. So these, and what the motion tells, "
-    "are at most weak. Give it more minutes or more episodes."
+    "What shows {} is not where the fit has it, or looks otherwise than any simulated camera shows "
+    "it: there, pixels are {:.0f} of 255 levels off, {:.0f} times as far as in worlds that the "
+    "simulator can make. So these, and what pictures tell of the motion, are at most weak. Give it "
+    "more minutes or more episodes."
 )
 
 
