@@ -149,7 +149,7 @@ class Judging:
 
         How it errs depends on colours, of which a fit knows far more than the networks that chose
         those worlds. A peg of two pixels, whose red they had guessed .2 off, was found half a pixel
-        beside its place in place of none, and a rope came out 5 to 15 % too short.
+        beside its place in place of none, and a rope came out 4 to 15 % too short.
         """
         if budget.seconds_left < _WORTH_REPEATING * fit_s:
             return fit
