@@ -41,17 +41,14 @@ def open_recordings(
     films = [camera.footage for camera in observation.cameras]
     if config.camera and len(films) > 1:
         raise InputError("--camera names one of the recordings' cameras; here [[cameras]] does")
+    turnings = []
     if isinstance(task, Task):
-        model = task.nominal_model
-        mapping = task.map_actions(model)
-        names, turnings = mapping.names, turnings_of(model, mapping, observation.sensors)
-    else:
-        names, turnings = task.load_actions().names, []
+        turnings = turnings_of(task.nominal_model, task.load_actions(), observation.sensors)
     dataset = open_dataset(
         path,
         cameras=[replace(footage, key=config.camera or footage.key) for footage in films],
         image_size=image_size,
-        num_actions=len(names),
+        num_actions=len(task.load_actions().names),
         actions=config.action_names or (task.action_columns if isinstance(task, Task) else None),
         control_hz=config.control_hz,
         readings={sensor.name: sensor.columns for sensor in observation.sensors},

@@ -10,7 +10,7 @@ from simtune.observation import JointSensor, Sensor
 from simtune.parameters.fields import OF_JOINTS
 from simtune.recordings import Turning
 from simtune.simulation import ActionMapping
-from simtune.simulation.servos import position_servos
+from simtune.simulation.servos import control_limits, joint_target, position_servos
 
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 
@@ -26,20 +26,18 @@ def turnings_of(
     controls = mapping.apply(Batch(model, num + 1), np.eye(num + 1, num, -1))  # of none, each
     found = []
     for servo in servos:
-        control, output = model.actuator_ctrladr[servo], model.actuator_outadr[servo]
+        control = model.actuator_ctrladr[servo]
         per_action = controls[1:, control] - controls[0, control]
         if np.count_nonzero(per_action) != 1:
             continue
-        action, bias = int(np.abs(per_action).argmax()), model.actuator_biasprm[servo]
-        gear, gain = model.actuator_gear[output, 0], model.actuator_gainprm[servo, 0]
-        per_length = -1 / (bias[1] * gear)
-        angle = per_length * (bias[0] + gain * controls[0, control])  # at an action of 0
-        per_unit = per_length * gain * per_action[action]
+        action, (shift, factor) = int(np.abs(per_action).argmax()), joint_target(model, servo)
+        angle = shift + factor * controls[0, control]  # at an action of 0
+        per_unit = factor * per_action[action]
         place = model.jnt_qposadr[model.actuator_trnid[servo, 0]]
-        ends = (model.actuator_ctrlrange[control] - controls[0, control]) / per_action[action]
-        ends = sorted(ends.tolist()) if model.actuator_ctrllimited[control] else (-np.inf, np.inf)
+        ends = np.array(control_limits(model, control)) - controls[0, control]
+        low, high = np.sort(ends / per_action[action]).tolist()
         turning = _turning(action, angle, per_unit, place, sensors)
-        found.append(turning._replace(low=ends[0], high=ends[1]))
+        found.append(turning._replace(low=low, high=high))
     return found
 
 

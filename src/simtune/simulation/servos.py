@@ -1,4 +1,4 @@
-"""Which actuators are servos of positions."""
+"""Which actuators are servos of positions, and where a control sends a joint."""
 
 import mujoco
 import numpy as np
@@ -15,3 +15,21 @@ def position_servos(model: mujoco.MjModel) -> np.ndarray:
     """
     pulls = (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
     return pulls & np.isin(model.actuator_dyntype, FOLLOWS)
+
+
+def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:
+    """A position servo sends its joint to `shift` + `factor` · control: (shift, factor).
+
+    Its gear must not be 0.
+    """
+    gear = model.actuator_gear[model.actuator_outadr[servo], 0]
+    per_length = 1 / (-model.actuator_biasprm[servo, 1] * gear)
+    bias, gain = model.actuator_biasprm[servo, 0], model.actuator_gainprm[servo, 0]
+    return float(bias * per_length), float(gain * per_length)
+
+
+def control_limits(model: mujoco.MjModel, control: int) -> tuple[float, float]:
+    """What MuJoCo clips a control to; infinite where it does not."""
+    limited = bool(model.actuator_ctrllimited[control])
+    low, high = model.actuator_ctrlrange[control] if limited else (-np.inf, np.inf)
+    return float(low), float(high)

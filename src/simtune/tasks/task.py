@@ -100,10 +100,10 @@ class Task:
     source: str = ""  # name by which `load_any_task` finds the task again, from any folder
     files: tuple[Path, ...] = ()  # absolute paths of all files it was read from
 
-    @cached_property  # compiles the model
+    @cached_property
     def content_hash(self) -> str:
         """Hash of the model and of the tuning file's content; it changes if one of them does."""
-        model = b"".join(_content(self.load_model()))
+        model = b"".join(_content(self.nominal_model))
         return content_hash(model, self.declared, repr(list(self.parameters)))
 
     @property
@@ -137,7 +137,7 @@ class Task:
 
     def load_actions(self) -> ActionMapping:
         """The meaning of actions in the nominal model."""
-        return self.map_actions(self.load_model())
+        return self.map_actions(self.nominal_model)
 
     @property
     def step_s(self) -> float:

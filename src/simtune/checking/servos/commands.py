@@ -9,7 +9,7 @@ from mujoco.batch import Batch
 
 from simtune.observation import JointSensor
 from simtune.simulation import Simulator
-from simtune.simulation.servos import position_servos
+from simtune.simulation.servos import control_limits, joint_target, position_servos
 from simtune.trajectory import Trajectory
 
 _CHUNK = 256  # worlds whose controls are computed at once
@@ -35,19 +35,14 @@ def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Serv
     are_servos, by_joint = position_servos(model), dict[str, ServoOf]()
     for i in np.flatnonzero(model.actuator_ctrlnum == 1):
         control, output = int(model.actuator_ctrladr[i]), model.actuator_outadr[i]
-        pull, gear = -model.actuator_biasprm[i, 1], model.actuator_gear[output, 0]
+        gear = model.actuator_gear[output, 0]
         is_commanded = (model.actuator(i).name or f"actuator {i}") in commanded
         moves_joint = model.actuator_trntype[i] == _JOINT
         if not (is_commanded and are_servos[i] and moves_joint and gear):
             continue
-        per_length = 1 / (pull * gear)
-        limited = bool(model.actuator_ctrllimited[control])
-        low, high = model.actuator_ctrlrange[control] if limited else (-np.inf, np.inf)
+        shift, factor = joint_target(model, int(i))
         by_joint[model.joint(int(model.actuator_trnid[i, 0])).name] = ServoOf(
-            control,
-            float(model.actuator_gainprm[i, 0] * per_length),
-            float(model.actuator_biasprm[i, 0] * per_length),
-            (float(low), float(high)),
+            control, factor, shift, control_limits(model, control)
         )
     return [
         None if sensor.is_velocity else by_joint.get(joint)

@@ -25,8 +25,6 @@ _NOTHING_FOUND = (
     "the simulator moves as the videos do cannot be tested: none of it is called identified. Film "
     "what moves larger."
 )
-
-
 _ELSEWHERE = (
     "What shows {} is not where the fit has it, or looks otherwise than any simulated camera shows "
     "it: there, pixels are {:.0f} of 255 levels off, {:.0f} times as far as in worlds that the "
