@@ -358,6 +358,20 @@ def test_an_episode_that_broke_off_is_warned_of(blind, tmp_path, steps):
     assert f"episode 1, counted from 0, has {steps} steps: `simtune tune` needs at least 8" in said
 
 
+def test_recordings_without_an_episode_that_is_long_enough_are_refused(blind, tmp_path):
+    (short,) = episodes(blind, 1)
+    short = replace(
+        short,
+        frames=short.frames[:5],
+        actions=short.actions[:4],
+        readings={name: values[:5] for name, values in short.readings.items()},
+    )
+    folder = write_recordings(tmp_path / "recorded", [short, short])
+    write_task(tmp_path)
+    with pytest.raises(InputError, match=r"no episode has the 8 steps .*, the longest has 4: rec"):
+        check(CheckConfig(task=str(tmp_path / "tune.toml"), real=folder))
+
+
 def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, capsys):
     write_task(tmp_path)
     arguments = ["simtune", "check", str(tmp_path / "tune.toml"), "--real", str(recorded)]

@@ -251,7 +251,7 @@ def test_a_limit_of_several_actuators_together_is_none_of_one(load, tmp_path):
     (tmp_path / "scene.xml").write_text(
         SCENE.replace('type="slide"', 'type="slide" actuatorfrcrange="-6 6"')
     )
-    with pytest.raises(InputError, match="push is one of several actuators whose sum is limited"):
+    with pytest.raises(InputError, match=r"push is one of several .* limited .* jnt_actfrcrange"):
         load(parameter("most", "torque_limit", "push", nominal=2))
     model = load(parameter("most", "torque_limit", "servo")).load_model()
     assert model.jnt_actfrclimited[model.joint("sled").id]

@@ -1083,6 +1083,7 @@ ONE = "\ncomponent = 1\nnominal = 0.5\nlow = 0.1\nhigh = 1"
         ("kind = 'camera_pose'\nobjects = 'aimed'", 7, "aimed turns by itself, towards a body"),
         ("field = 'cam_quat'\ncomponent = 1\nobjects = 'aimed'", 8, "aimed turns by itself"),
         (f"field = 'body_pos'\nobjects = 'loose'{ONE}", 7, "loose is free, so it lies where"),
+        (f"field = 'body_pos'\nobjects = 'hand'{ONE}", 7, "hand is a mocap body, which a state"),
         (f"field = 'body_ipos'\nobjects = 'world'{ONE}", 7, "world is what everything else is pla"),
         (f"field = 'qpos0'\nobjects = 'socket'\n{ONE[15:]}", 7, "socket is neither a hinge"),
         (f"field = 'jnt_axis'\nobjects = 'socket'{ONE}", 7, "socket is neither a hinge nor a sl"),
@@ -1120,6 +1121,7 @@ def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, re
     <geom name="pin" type="capsule" size=".1 .1"/>
     <body name="bar"><joint name="hinge"/><geom name="cube" type="mesh" mesh="tent"/>
       <inertial pos="0 0 0" mass="1" diaginertia=".2 .3 .4"/></body>
+    <body name="hand" mocap="true"/>
     <body name="loose"><freejoint name="float"/><geom size=".1"/></body>
     <body><joint name="socket" type="ball"/><geom size=".1"/></body>
   </worldbody>

@@ -1,4 +1,4 @@
-"""Plain text: columns, and lists that are cut short."""
+"""Plain text: columns, lists that are cut short, numbers of things."""
 
 from collections.abc import Collection, Sequence
 
@@ -20,3 +20,8 @@ def cut(items: Sequence[str], most: int, separator: str = ", ") -> str:
     """The first `most` of them, and the number of others: "a, b and 3 more"."""
     more = f" and {len(items) - most} more" if len(items) > most else ""
     return separator.join(items[:most]) + more
+
+
+def counted(num: int, what: str) -> str:
+    """A number with its noun: 1 round, 2 rounds."""
+    return f"{num} {what}{'s' * (num != 1)}"

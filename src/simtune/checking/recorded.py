@@ -8,7 +8,7 @@ from simtune.checking.film.library import MOST_STEPS
 from simtune.checking.film.look import Films, look_at, shrunk
 from simtune.checking.film.picture import named, new_file
 from simtune.checking.readings import ReadEpisodes, read_episodes
-from simtune.checking.recording_warnings import warnings
+from simtune.checking.recording_warnings import refuse_if_all_short, warnings
 from simtune.checking.servos.picture import draw_servos
 from simtune.config import CheckConfig
 from simtune.errors import InputError
@@ -35,6 +35,8 @@ def of_recordings(
     dataset = open_recordings(config.real or "", task, config, size, seen)
     num = how_many(dataset, config.episodes)
     recorded, film = look_through(dataset, report, min(num, _LOOKED_AT) * bool(seen.cameras))
+    lengths = [len(actions) for actions in recorded[:num]]
+    refuse_if_all_short(lengths, are_filmed=bool(seen.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
     facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
     films = Films.of(seen.framed(dataset.aspects), film)
@@ -45,8 +47,7 @@ def of_recordings(
         supersampling=seen.supersampling,
         views=[shrunk(view, size) for view in films.views],
     )
-    steps = min(len(actions) for actions in recorded[:num])
-    actions = np.stack([actions[:steps] for actions in recorded[:num]])
+    actions = np.stack([actions[: min(lengths)] for actions in recorded[:num]])
     if seen.cameras:
         report("comparing pictures", 0.0)
         facts["films"], more = look_at(films, task, simulator, actions, config)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.errors import InputError
 from simtune.recordings.source import short
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask
@@ -103,6 +104,15 @@ def _of_lengths(lengths: list[int], *, are_filmed: bool) -> list[str]:
             f"`simtune tune` needs at least {least} of each, so leave it out"
         )
     return found
+
+
+def refuse_if_all_short(lengths: Sequence[int], *, are_filmed: bool) -> None:
+    """Raises InputError if no episode of these numbers of steps could be tuned to."""
+    if max(lengths) < (least := _fewest_steps(are_filmed=are_filmed)):
+        raise InputError(
+            f"no episode has the {least} steps that `simtune tune` needs, the longest has "
+            f"{max(lengths)}: record longer ones, or take more steps/s (--control-hz)"
+        )
 
 
 def too_short(num_steps: int, *, are_filmed: bool) -> list[str]:

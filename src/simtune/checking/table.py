@@ -3,7 +3,7 @@
 from typing import Any
 
 from simtune.checking.servos.table import servo_lines
-from simtune.columns import aligned, cut
+from simtune.columns import aligned, counted, cut
 
 _MOST_EXTENTS = 6
 _PICTURE = ("picture", "of pixels", "motion", "at most")
@@ -92,7 +92,7 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
             f"{worst['mean']:g} ms on average"
         )
     film = " and ".join(films) or "no pictures looked at"
-    episodes = f"{facts['episodes']} episode{'s' * (facts['episodes'] != 1)}"
+    episodes = counted(facts["episodes"], "episode")
     return [
         f"{facts['folder']}: {facts['kind']}, readable: {episodes}, {facts['steps']} steps, {film}",
         f"{facts['fps']:.6g} steps/s recorded, {facts['control_hz']:.6g} taken{lateness}",

@@ -3,7 +3,8 @@
 import math
 
 from simtune.cli.commands import DoctorCommand, ExampleCommand, TasksCommand
-from simtune.cli.done import Done, Say, counted, quoted
+from simtune.cli.done import Done, Say, quoted
+from simtune.columns import counted
 from simtune.config import CheckConfig, RecordConfig
 
 

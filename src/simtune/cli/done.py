@@ -18,8 +18,3 @@ class Done(NamedTuple):
 def quoted(path: str | Path) -> str:
     """As a shell reads it."""
     return shlex.quote(str(path))
-
-
-def counted(num: int, what: str) -> str:
-    """A number with its noun: 1 round, 2 rounds."""
-    return f"{num} {what}{'s' * (num != 1)}"

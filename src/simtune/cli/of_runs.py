@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from simtune.cli.commands import ReportCommand
-from simtune.cli.done import Done, Say, counted, quoted
+from simtune.cli.done import Done, Say, quoted
+from simtune.columns import counted
 from simtune.config import (
     UNTUNED,
     CompareConfig,

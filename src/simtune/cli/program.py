@@ -9,9 +9,9 @@ from io import TextIOWrapper
 from typing import Any
 
 import simtune
-from simtune.cli.done import counted
 from simtune.cli.parse import parse
 from simtune.cli.run import check_first, run
+from simtune.columns import counted
 from simtune.config import EvaluateConfig, SweepConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 

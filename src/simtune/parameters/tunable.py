@@ -50,6 +50,11 @@ _WITHOUT_EFFECT: tuple[tuple[tuple[str, ...], Callable[[mujoco.MjModel, int], bo
         "is free, so it lies where its start says, not where its body does: see [initial_state]",
     ),
     (
+        _PLACES,
+        lambda model, body: model.body_mocapid[body] >= 0,
+        "is a mocap body, which a state places, not the model: move what is inside it instead",
+    ),
+    (
         ("jnt_axis",),
         lambda model, joint: model.jnt_type[joint] not in HINGE_OR_SLIDE,
         "is neither a hinge nor a slide, so it has no axis",

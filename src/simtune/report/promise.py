@@ -3,6 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
+from simtune.columns import counted
 from simtune.normal import STDS_90
 from simtune.report.data import RunData
 from simtune.report.trust import ranks
@@ -51,10 +52,9 @@ def reasons(run: RunData) -> list[str]:
     if not run.has_pictures:
         return ["What the model leaves of the readings, and episodes that disagree, widen them."]
     if num < _FEW_REFITS:
-        fitted = f"only {num}" if num else "no"
+        fitted = f"only {counted(num, 'known world')}" if num else "no known worlds"
         sentences.append(
-            f"There was time for {fitted} known world{'s' * (num != 1)} to compare with, and the "
-            "fewer, the wider intervals are."
+            f"There was time for {fitted} to compare with, and the fewer, the wider intervals are."
         )
     if worse := _worse(run):
         sentences.append(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from simtune.columns import counted
 from simtune.errors import InputError
 from simtune.recordings.lerobot.layout import Layout, unexpected
 from simtune.recordings.lerobot.listed import Listed, list_episodes
@@ -67,7 +68,7 @@ def _check(folder: Path, listed: Listed) -> None:
     index, num_rows = listed.index, listed.num_rows
     if num_rows < 2:
         raise InputError(
-            f"{folder}: episode {index} has {num_rows} row{'s' * (num_rows != 1)}; "
+            f"{folder}: episode {index} has {counted(num_rows, 'row')}; "
             "expected at least 2, a frame before and a frame after an action"
         )
     if num_rows > MOST_ROWS or listed.from_s < 0:

@@ -32,11 +32,11 @@ def refuse_shared(model: mujoco.MjModel, actuators: Sequence[str], own: np.ndarr
     kinds = np.array([DRIVEN.get(kind, "") for kind in model.actuator_trntype])
     for name in np.array(actuators)[acts]:
         actuator = model.actuator(name)
-        same = (kinds == DRIVEN[actuator.trntype[0]]) & (
-            model.actuator_trnid[:, 0] == actuator.trnid[0]
-        )
+        driven = DRIVEN[actuator.trntype[0]]
+        same = (kinds == driven) & (model.actuator_trnid[:, 0] == actuator.trnid[0])
         if same.sum() > 1:
             raise InputError(
                 f"{name} is one of several actuators whose sum is limited (actuatorfrcrange), so "
-                "it has no limit of its own: give it a narrower forcerange in the model"
+                "it has no limit of its own: give it a narrower forcerange in the model, or "
+                f"declare {driven}_actfrcrange of what they drive"
             )
