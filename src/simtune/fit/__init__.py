@@ -35,9 +35,10 @@ from simtune.fit.readings.replay_cost import Guess
 from simtune.fit.readings.sensitivity import MOST_EPISODES
 from simtune.fit.readings.stretches import Readings
 from simtune.fit.readings.whole_episodes import replay_whole
-from simtune.fit.replay_fit import ReplayFit, num_fitted
+from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps, fit_to_budget
+from simtune.fit.split import Split
 
 __all__ = [
     "FEW_EPISODES",
@@ -63,6 +64,7 @@ __all__ = [
     "ReplayFit",
     "ReplayStage",
     "ShootingConfig",
+    "Split",
     "Stage",
     "StateEstimator",
     "bound_warnings",
@@ -78,7 +80,6 @@ __all__ = [
     "lateness_warning",
     "left_open",
     "model_checks",
-    "num_fitted",
     "ranks",
     "replay_whole",
     "run_bootstrap",

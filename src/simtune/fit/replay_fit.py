@@ -11,7 +11,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.fit.fit_setup import FitSetup
 from simtune.fit.lateness import is_too_late, states_in_late_pictures
-from simtune.fit.line_up import line_up
+from simtune.fit.line_up import LinedUp, line_up
 from simtune.fit.motion.estimator import StateEstimator
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.motion.two_sides import TwoSidedFit, fit_from_two_sides
@@ -23,14 +23,9 @@ from simtune.fit.pictures.window_pictures import fit_window_pictures
 from simtune.fit.readings.joint_motion import JointMotion
 from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlation, diluted
 from simtune.fit.sizing import FitConfig, fit_to_budget
+from simtune.fit.split import Split
 
 _SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: no fit is exact
-_FEWEST_TO_FIT = 2  # episodes
-
-
-def num_fitted(num_episodes: int) -> int:
-    """Episodes fitted: all but the last, kept as a test, if that leaves two or more."""
-    return num_episodes - (num_episodes > _FEWEST_TO_FIT)
 
 
 class ReplayFit:
@@ -85,49 +80,27 @@ class ReplayFit:
         `extend_horizon`: to longer windows if short ones do not tell enough, which takes time.
         Raises OutOfTime; see `within`.
         """
-        setup, moving = self._setup, self._setup.moving
-        until_s = time.monotonic() + setup.config.longer_within_s
-        num, kept = len(observed), num_fitted(len(observed))
-        fitted, held_out = slice(0, kept), slice(kept if kept < num else 0, num)
-        observed, latency_steps, offsets, states, start = line_up(
-            setup, observed, fitted, start, latencies
-        )
-        to_fit = observed.episodes(fitted)
-        motion = fit_from_two_sides(
-            setup.shooting(moving, lateness=observed.lateness),
-            self.space,
-            to_fit,
-            states[fitted],
-            start,
-            until_s if extend_horizon else None,
-        )
-        best, unit = motion.best, self.space.to_unit(start.parameters)
-        unit[moving] = best.unit
+        setup, split = self._setup, Split.of(len(observed))
+        until_s = time.monotonic() + setup.config.longer_within_s if extend_horizon else None
+        lined_up = line_up(setup, observed, split.fitted, start, latencies)
+        motion = self._fit_motion(lined_up, split.fitted, until_s)
+        unit = self.space.to_unit(lined_up.start.parameters)
+        unit[setup.moving] = motion.best.unit
+        to_fit = lined_up.observed.episodes(split.fitted)
         pictures = self._fit_pictures(to_fit, motion.short, self.space.from_unit(unit))
         unit[self._appearance] = pictures.unit
-        parameters = self.space.from_unit(unit)
-        test = setup.shooting(moving[:0], lateness=observed.lateness).fit(
-            observed.episodes(held_out), states[held_out], parameters
-        )
-        std, correlation = self._claimed(start, motion, pictures)
-        return FitResult(
-            parameters=parameters,
-            std=std,
-            discrepancy_std=self._discrepancy_std,
-            correlation=correlation,
-            is_moving=~self.space.is_appearance,
-            misfit=Misfit(test.distances, tuple(pictures.noise.tolist())),
-            sensors=tuple((part.name, part.unit) for part in observed.evidence.parts),
-            starts=self._starts(observed, states, unit, (best, fitted), (test, held_out)),
-            latency_steps=latency_steps,
-            rough_std=np.where(self.space.is_appearance, 0.0, start.std),
-            offsets=offsets,
-            known=self._appearance[self._photometry.is_known[self._appearance]],
-            responses=pictures.responses,
-            held_out=kept if kept < num else None,
-            late_s=setup.physics.simulator.step_s * np.array([best.late_steps, best.late_std]),
-            is_too_late=is_too_late(best.late_steps),
-            held=np.array(setup.config.held, int),
+        return self._result(unit, lined_up, motion, pictures, split)
+
+    def _fit_motion(self, lined_up: LinedUp, fitted: slice, until_s: float | None) -> TwoSidedFit:
+        """Fit what moves to the fitted episodes; to longer windows only `until_s`, if given."""
+        observed = lined_up.observed
+        return fit_from_two_sides(
+            self._setup.shooting(self._setup.moving, lateness=observed.lateness),
+            self.space,
+            observed.episodes(fitted),
+            lined_up.states[fitted],
+            lined_up.start,
+            until_s,
         )
 
     def _fit_pictures(
@@ -147,6 +120,41 @@ class ReplayFit:
             self._photometry,
         )
 
+    def _result(
+        self,
+        unit: np.ndarray,
+        lined_up: LinedUp,
+        motion: TwoSidedFit,
+        pictures: PictureFit,
+        split: Split,
+    ) -> FitResult:
+        """What was found, in (N,) unit coordinates, tested on the episode held out."""
+        setup, observed, best = self._setup, lined_up.observed, motion.best
+        parameters = self.space.from_unit(unit)
+        test = setup.shooting(setup.moving[:0], lateness=observed.lateness).fit(
+            observed.episodes(split.tested), lined_up.states[split.tested], parameters
+        )
+        std, correlation = self._claimed(lined_up.start, motion, pictures)
+        return FitResult(
+            parameters=parameters,
+            std=std,
+            discrepancy_std=self._discrepancy_std,
+            correlation=correlation,
+            is_moving=~self.space.is_appearance,
+            misfit=Misfit(test.distances, tuple(pictures.noise.tolist())),
+            sensors=tuple((part.name, part.unit) for part in observed.evidence.parts),
+            starts=self._starts(lined_up, unit, (best, split.fitted), (test, split.tested)),
+            latency_steps=lined_up.latency_steps,
+            rough_std=np.where(self.space.is_appearance, 0.0, lined_up.start.std),
+            offsets=lined_up.offsets,
+            known=self._appearance[self._photometry.is_known[self._appearance]],
+            responses=pictures.responses,
+            held_out=split.held_out,
+            late_s=setup.physics.simulator.step_s * np.array([best.late_steps, best.late_std]),
+            is_too_late=is_too_late(best.late_steps),
+            held=np.array(setup.config.held, int),
+        )
+
     def _claimed(
         self, start: PointEstimate, motion: TwoSidedFit, pictures: PictureFit
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -161,18 +169,15 @@ class ReplayFit:
         return at_least, diluted(block_correlation(len(std), blocks), std / at_least)
 
     def _starts(
-        self,
-        observed: Observed,
-        states: np.ndarray,
-        unit: np.ndarray,
-        *fits: tuple[ShootingFit, slice],
+        self, lined_up: LinedUp, unit: np.ndarray, *fits: tuple[ShootingFit, slice]
     ) -> np.ndarray:
-        """(E, S) full states in which episodes begin: as fitted, or else as in (E, ...) `states`.
+        """(E, S) full states in which episodes begin: as fitted, or else as `lined_up` says.
 
         Each fit is of some of the episodes; `unit`: the (N,) parameters found.
         """
-        physics, first = self._setup.physics, (observed.actions[:, :1], states[:, :2])
-        begun = physics.replay_actuators(*first, unit)[:, 0]  # before any action
+        physics, states = self._setup.physics, lined_up.states
+        first_actions = lined_up.observed.actions[:, :1]
+        begun = physics.replay_actuators(first_actions, states[:, :2], unit)[:, 0]  # before any
         starts = physics.space.with_positions_and_velocities(begun, states[:, 0])
         for fit, episodes in fits:
             begins = fit.step == 0

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from simtune.budget import Budget
-from simtune.fit import PointEstimate, num_fitted
+from simtune.fit import PointEstimate, Split
 from simtune.networks.training import TrainingClock
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
@@ -115,7 +115,7 @@ class Learning:
     def curves(self, detected: Detected, searched: Distribution) -> np.ndarray:
         """(N, C) survival curves of the posterior network on the grid."""
         # As in a fit, one episode is held out as a test.
-        num = num_fitted(len(detected.trajectories)) if self.is_fitted else None
+        num = Split.of(len(detected.trajectories)).num_fitted if self.is_fitted else None
         trajectories, detections = detected.trajectories[:num], detected.detections[:num]
         steps = min(len(t) for t in trajectories)
         actions = np.stack([t.actions[:steps] for t in trajectories])
