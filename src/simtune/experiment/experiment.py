@@ -93,8 +93,13 @@ def build_search(problem: TuningProblem, name: SearchName, settings: Settings) -
     if not problem.context.observation.cameras:
         search = _search_readings(problem, name)
     else:
-        given = problem.config, name, problem.task, problem.recordings
-        usual = choose_search_settings(*given, problem.simulator.image_size)
+        usual = choose_search_settings(
+            problem.config,
+            name,
+            problem.task,
+            problem.recordings,
+            problem.simulator.image_size,
+        )
         search = make_search(name, problem.context, settings.search or usual)
     if problem.recordings:
         search.check(problem.recordings)

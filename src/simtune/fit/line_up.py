@@ -74,9 +74,15 @@ def _by_readings(
     """The robot's motion is that of the readings; pictures show the rest."""
     observed = observed.delayed(latency_steps)
     states, offsets = joints.find(observed, setup.estimator(observed), start.parameters)
-    given = setup.prior_std, setup.space.to_unit(start.parameters), setup.moving
     some = states[:, ::_LOOKED_AT].reshape(-1, states.shape[-1])  # a thing may come into view late
-    observed = keep_moved_keypoints(without_readings(observed), setup.physics, some, *given)
+    observed = keep_moved_keypoints(
+        without_readings(observed),
+        setup.physics,
+        some,
+        setup.prior_std,
+        setup.space.to_unit(start.parameters),
+        setup.moving,
+    )
     followed = _follow(setup, observed, states, fitted, start)
     return LinedUp(observed, latency_steps, offsets, *followed)
 

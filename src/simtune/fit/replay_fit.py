@@ -56,8 +56,11 @@ class ReplayFit:
         See `fit_to_budget`.
         """
         setup = self._setup
-        what = setup.config, setup.physics, self.space.nominal, setup.work(num_steps)
-        return self._with(config=fit_to_budget(*what, seconds, at_most_s))
+        work = setup.work(num_steps)
+        config = fit_to_budget(
+            setup.config, setup.physics, self.space.nominal, work, seconds, at_most_s
+        )
+        return self._with(config=config)
 
     def least(self) -> "ReplayFit":
         """The same, as small as a fit may be."""

@@ -178,8 +178,8 @@ class Judging:
         """
         if self.earlier.estimate:
             return self.earlier.estimate
-        where = self.learned.searched, self.first, self.config.range_update
-        estimate = read_curves(self.learned.prob_higher, *where)
+        learned, config = self.learned, self.config.range_update
+        estimate = read_curves(learned.prob_higher, learned.searched, self.first, config)
         verdict = at_most_weak(estimate.verdict)
         estimate = replace(estimate, verdict=verdict, warnings=[_NO_FIT])
         return self.by_readings.combined_with(estimate) if self.by_readings else estimate
@@ -202,8 +202,14 @@ class Judging:
         return num, int(np.clip(each_s / (fit_s / num_episodes + film_s), few, many))
 
     def _conclude(self, fit: FitResult, bootstrap: Bootstrap) -> tuple[Estimate, np.ndarray]:
-        where = self.learned.searched, self.first, self.config.range_update
-        estimate, curves = conclude(self.learned.prob_higher, fit, bootstrap, *where)
+        estimate, curves = conclude(
+            self.learned.prob_higher,
+            fit,
+            bootstrap,
+            self.learned.searched,
+            self.first,
+            self.config.range_update,
+        )
         if len(fit.offsets):
             offsets = zip(self.stage.reading_labels, fit.offsets.tolist(), strict=True)
             estimate = replace(estimate, offsets=dict(offsets))

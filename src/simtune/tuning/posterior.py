@@ -168,8 +168,15 @@ class PosteriorSearch:
         """Fit and judge, where that is possible; doubt. Also returns the (N, C) curves."""
         by_readings = self._by_readings
         if self.context.can_fit:
-            given = learned, by_readings, self._earlier, budget, self._picture_s
-            judging = Judging.prepare(self.context, self._learning, *given)
+            judging = Judging.prepare(
+                self.context,
+                self._learning,
+                learned,
+                by_readings,
+                self._earlier,
+                budget,
+                self._picture_s,
+            )
             estimate, curves = judging.judge(may_be_last, budget, callbacks)
             self._earlier = judging.earlier
         else:
