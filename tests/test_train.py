@@ -27,6 +27,7 @@ from simtune.config import EvaluateConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import _check_unchanged, evaluate, load_trained
 from simtune.experiment.presets import choose_search_settings
+from simtune.experiment.rollout import Environment
 from simtune.experiment.run import Run
 from simtune.experiment.schedule import Schedule, fast, paper
 from simtune.experiment.settings import Settings
@@ -418,6 +419,8 @@ def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_sc
         def __init__(self, lowest_reward: float):
             self.lowest_reward = lowest_reward
             self.simulator = SimpleNamespace(num_steps=100)
+
+        uncounted = Environment.uncounted
 
         def play(self, *_):
             charged.append(self.lowest_reward)

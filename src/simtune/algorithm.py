@@ -27,6 +27,7 @@ from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
+from simtune.real.truth import Truth
 from simtune.recordings import write_video
 from simtune.run.real_episodes import read_real, write_real
 from simtune.trajectory import Trajectory
@@ -77,7 +78,7 @@ class Training:
         for cycle in range(len(schedule.policy_steps)):
             # Collect samples by running π_θ in the real world; at first, by random actions
             if self.num_filmings <= cycle:
-                self._film_real_world(0 if self._knows_enough else schedule.real_episodes[cycle])
+                self._film_real_world()
             # Collect simulated trajectories, train q_φ, Ξ ← Ξ + α q_φ(o_real, a_real, ξ_mean)
             while run.num_rounds < sum(schedule.searches[: cycle + 1]) and not self._knows_enough:
                 self._update_simulator()
@@ -93,24 +94,30 @@ class Training:
         """Whether another round of the search would change nothing for the policy."""
         return bool(self.run.num_rounds and self.experiment.search.stop_reason)
 
-    def _film_real_world(self, num_episodes: int) -> None:
-        real = self.experiment.real
-        agent = self.experiment.agent
-        cycle = self.num_filmings
-        filmed: list[Trajectory] = []
-        if num_episodes and agent.can_act:
-            stacked = self.experiment.schedule.num_stacked
-            filmed = real.run_policy(
-                lambda frames: agent.act(frames, sample=True), stacked, num_episodes, cycle
-            )
-        elif num_episodes and self.run.step:
-            self.num_skipped += 1
-        if num_episodes and cycle == 0 and not filmed:  # no policy yet, or recordings only
-            filmed = real.collect(num_episodes)
-        write_real(self.run.folder.path, cycle, filmed)
+    def _film_real_world(self) -> None:
+        filmed = [] if self._knows_enough else self._collect_real()
+        write_real(self.run.folder.path, self.num_filmings, filmed)
         self.real = filmed + self.real
         self.num_filmings += 1
         self._save()
+
+    def _collect_real(self) -> list[Trajectory]:
+        """A cycle's episodes of π_θ; the first ones by random actions, or recordings."""
+        real = self.experiment.real
+        agent = self.experiment.agent
+        schedule = self.experiment.schedule
+        cycle = self.num_filmings
+        num_episodes = schedule.real_episodes[cycle]
+        if not num_episodes:
+            return []
+        filmed: list[Trajectory] = []
+        if agent.can_act:
+            explore = partial(agent.act, sample=True)
+            filmed = real.run_policy(explore, schedule.num_stacked, num_episodes, cycle)
+        elif self.run.step:
+            self.num_skipped += 1
+        is_first = cycle == 0 and not filmed  # no policy yet, or recordings only
+        return real.collect(num_episodes) if is_first else filmed
 
     def _update_simulator(self) -> None:
         experiment = self.experiment
@@ -118,8 +125,8 @@ class Training:
         # Without a time limit, which would not be reproducible.
         found = experiment.search.run_round(self.real, Budget(report=self._report))
         if config.drop_far:  # forget episodes of worlds that are ruled out now
-            found_in = experiment.search.distribution
-            near = found_in.around(found_in.mean, choose_range(config))
+            searched = experiment.search.distribution
+            near = searched.around(searched.mean, choose_range(config))
             experiment.replay.drop_far(near.low, near.high)
         self.run.log_round(found, len(self.real))
         self._save()
@@ -132,7 +139,7 @@ class Training:
         self._report("training the policy", self.run.step / schedule.total_steps)
         worlds = self.distribution_policy.sample(schedule.num_worlds, self.rng)
         is_filmed = agent.wants_frames
-        delay_steps = self._delay_steps()
+        delay_steps = self.experiment.delay_steps(self._late_steps, self.rng)
         explore = partial(agent.explore, replay=replay)
         episodes = environment.play(explore, worlds, self.rng, is_filmed, delay_steps)
         replay.add(episodes)
@@ -148,25 +155,28 @@ class Training:
     def _score_meanwhile(self) -> None:
         """A point of a learning curve for figures; nothing learns from it."""
         experiment = self.experiment
-        config = experiment.config
         if experiment.truth is not None and experiment.agent.can_act:
             done = self.run.step / experiment.schedule.total_steps
             self._report("scoring the policy meanwhile", done)
-            world = experiment.truth.for_oracle()
-            scores, _ = experiment.score(world, config.scored_episodes, config.seed)
+            scores, _ = self._score(experiment.truth)
             means = {f"{name}/real": float(values.mean()) for name, values in scores.items()}
             self.run.log(len(self.real), means)
         self.num_scored += 1
         self._save()
 
-    def _delay_steps(self) -> int:
-        """Delay of actions in simulated episodes: the estimate's, once a search has looked for it.
+    def _score(self, truth: Truth) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """See `TrainingExperiment.score`."""
+        config = self.experiment.config
+        return self.experiment.score(truth.for_oracle(), config.scored_episodes, config.seed)
+
+    @property
+    def _late_steps(self) -> float | None:
+        """Estimated delay of actions; None until a search has looked for it.
 
         Late pictures count as late actions: to a policy, both mean that it sees later what it did.
         """
         is_known = self.run.num_rounds and self.experiment.search_name == "posterior"
-        late = self.run.estimate.late_steps(self.experiment.real.step_s) if is_known else None
-        return self.experiment.delay_steps(late, self.rng)
+        return self.run.estimate.late_steps(self.experiment.real.step_s) if is_known else None
 
     @property
     def distribution_policy(self) -> Distribution:
@@ -188,8 +198,7 @@ class Training:
             metadata["stopped"] = experiment.search.stop_reason or "all rounds are done"
         if experiment.truth is not None:
             self._report("scoring the policy in the pseudo-real world", 1.0)
-            world = experiment.truth.for_oracle()
-            scores, film = experiment.score(world, config.scored_episodes, config.seed)
+            scores, film = self._score(experiment.truth)
             fps = round(1 / experiment.real.step_s, 3)
             write_video(self.run.folder.videos / "policy.mp4", film, fps)
             metadata |= {name: outcome.summary(values) for name, values in scores.items()}

@@ -1,6 +1,7 @@
 """Episodes of simulated worlds in which a policy acts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from mujoco.batch import Batch
@@ -123,6 +124,15 @@ class Environment:
             stacker.draw(num_steps, rollouts.states[:, -1])
         frames = stacker.frames if stacker else None
         return self._episodes(rollouts, actions, frames, keypoints, stray)
+
+    @contextmanager
+    def uncounted(self) -> Iterator[None]:
+        """What is played inside counts neither as simulated steps nor for `lowest_reward`."""
+        lowest_reward, num_steps = self.lowest_reward, self.simulator.num_steps
+        try:
+            yield
+        finally:
+            self.lowest_reward, self.simulator.num_steps = lowest_reward, num_steps
 
     def _stacker(
         self, parameters: np.ndarray, rng: np.random.Generator

@@ -66,12 +66,9 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
-        # Without a gap, scores come from where the policy is trained: what counts there is kept.
-        simulator, lowest = self.environment.simulator, self.environment.lowest_reward
-        num_steps = simulator.num_steps
-        self.scored_in.lowest_reward = lowest
-        played = self.scored_in.play(act, worlds, rng, True, self.late_steps)
-        self.environment.lowest_reward, simulator.num_steps = lowest, num_steps
+        self.scored_in.lowest_reward = self.environment.lowest_reward
+        with self.scored_in.uncounted():  # without a gap, it is where the policy is trained
+            played = self.scored_in.play(act, worlds, rng, True, self.late_steps)
         assert played.frames is not None
         assert played.reached is not None
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))
