@@ -29,7 +29,8 @@ QUICK = PosteriorSearchConfig(
     posterior_updates=10,
     state_updates=10,
     least_updates=2,
-    num_refits=(1, 1),
+    planned_refits=1,
+    most_refits=1,
     fit=FitConfig(
         particles=ParticleConfig(num=8, steps=4),
         shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), longer=(), num_windows=6),

@@ -20,7 +20,7 @@ from simtune.agents.teacher import TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent
 from simtune.agents.teaching_schedule import TeacherStudentConfig
 from simtune.algorithm import train
-from simtune.before_after.videos import StartSearchConfig
+from simtune.before_after.start_search import StartSearchConfig
 from simtune.config import UNTUNED, TrainConfig
 from simtune.experiment.schedule import SCHEDULES, Schedule, fast
 from simtune.experiment.settings import Settings

@@ -1,5 +1,6 @@
 """report.html in a real browser: its script runs, and it fits a phone."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -53,6 +54,35 @@ def test_the_script_runs_and_nothing_overflows(width, tmp_path):
     assert said["controls"] == "true"
     assert int(said["links"]) == 4  # three films and result.json
     assert int(said["playing"]) == 3
+
+
+# A browser's own window is no narrower than 500 pixels; a frame in it is.
+PHONE = """
+<body><script>addEventListener("message", (m) => { document.body.dataset.overflow = m.data; });
+</script><iframe src="inner.html" style="width: 385px; height: 2000px; border: 0"></iframe></body>
+"""
+TELL = """
+<script>
+addEventListener("load", () => setTimeout(() => {
+  const page = document.documentElement;
+  parent.postMessage(page.scrollWidth - page.clientWidth, "*");
+}, 1000));
+</script>
+"""
+
+
+@pytest.mark.thorough
+def test_nothing_overflows_a_phone(tmp_path):
+    run = make_run(tmp_path / "run")
+    part = {"px": 1.5, "px_before": 11.8, "pictures_along": 12, "pictures_along_before": None}
+    result = json.loads((run / "result.json").read_text()) | {"moving_parts": {"ball": part}}
+    (run / "result.json").write_text(json.dumps(result))
+    page = write_report(run).read_text()
+    assert "Along for, before" in page
+    (tmp_path / "inner.html").write_text(page.replace("</body>", TELL + "</body>"))
+    (tmp_path / "outer.html").write_text(PHONE)
+    dom = browse(tmp_path / "outer.html", tmp_path, "--dump-dom")
+    assert 'data-overflow="0"' in dom
 
 
 @pytest.mark.thorough

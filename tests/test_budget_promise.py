@@ -35,7 +35,8 @@ def settings(tiny, quick) -> Settings:
         posterior_updates=30,
         state_updates=30,
         least_updates=10,
-        num_refits=(4, 8),
+        planned_refits=4,
+        most_refits=8,
         fit=FitConfig(particles=ParticleConfig(num=96)),
     )
     return replace(quick, search=search)

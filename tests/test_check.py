@@ -16,7 +16,7 @@ from simtune.cameras.footage import Footage
 from simtune.cameras.views import View
 from simtune.checking import check, table
 from simtune.checking.conclusions import conclude
-from simtune.checking.promise import promises
+from simtune.checking.expected_precision import expected_precision
 from simtune.checking.recording_warnings import warnings
 from simtune.config import CheckConfig
 from simtune.fit.camera_changes import (
@@ -356,7 +356,7 @@ def trajectories(step_s: float, lengths: tuple[int, ...], largest: float) -> lis
 
 def warned(step_s: float, lengths: tuple[int, ...], largest: float, late_ms: float = 0) -> list:
     late = {"time_error_ms": {"largest": late_ms, "mean": late_ms / 2}}
-    facts = {"control_hz": 1 / step_s, "cameras": [late]}
+    facts = {"control_hz": 1 / step_s, "cameras": [late], "names": ["one", "two", "three"]}
     actions = [t.actions for t in trajectories(step_s, lengths, largest)]
     return warnings(pendulum(), facts, actions, 2)
 
@@ -365,7 +365,7 @@ def test_warnings():
     assert warned(0.08, (30, 30, 40), 1.0) == [
         "actions of idle are always 0.5: they excite nothing"
     ]
-    facts = {"control_hz": 12.5, "cameras": []}
+    facts = {"control_hz": 12.5, "cameras": [], "names": ["one"]}
     (still,) = warnings(pendulum(), facts, [np.full((30, 2), 0.5)], 1)
     assert still.startswith("2 of 2 actions never change (")
     assert "idle" in still
@@ -377,7 +377,7 @@ def test_warnings():
     assert "10 of 70 steps are not used" in cut
     assert re.search(r"actions of turn go from -3\.\d+ to 3\.\d+, beyond .* -1 to 1", beyond)
     assert "idle" in constant
-    assert "needs at least" in warned(0.08, (5,), 1.0)[0]
+    assert warned(0.08, (30, 5), 1.0)[1].startswith("two has 5 steps: `simtune tune` needs at l")
     assert "up to 40 ms away from their steps of 80 ms" in warned(0.08, (30, 30), 1.0, 40)[0]
 
 
@@ -517,22 +517,22 @@ def test_what_cannot_be_used(simtune, tmp_path, recorded, arguments, message):
     assert message in err
 
 
-def test_a_run_is_promised_what_check_says_and_twice_the_episodes_tell_twice_as_much(swinging):
+def test_a_run_expects_what_check_says_and_twice_the_episodes_tell_twice_as_much(swinging):
     actions = swinging.actions[0]
     still = np.zeros((len(actions) + 1, 1, 1, 3), np.uint8)
     four = [Trajectory(still, actions, 0.05)] * 4
-    promised, seen = {}, ObservationModel.of_simulator()
+    expected, seen = {}, ObservationModel.of_simulator()
     for real in (four, four * 2):
-        promised[len(real)] = promises(swinging.simulator, seen, real, 0).parameters
+        expected[len(real)] = expected_precision(swinging.simulator, seen, real, 0).parameters
     said = swinging.conclude()["parameters"]
-    assert set(promised[4]) == set(said)
-    assert promised[4]["damping"]["verdict"] != "does not show"
-    assert "std_percent" not in promised[4]["arm_r"]
-    stds = [promised[num]["damping"]["std_percent"] for num in (4, 8)]
+    assert set(expected[4]) == set(said)
+    assert expected[4]["damping"]["verdict"] != "does not show"
+    assert "std_percent" not in expected[4]["arm_r"]
+    stds = [expected[num]["damping"]["std_percent"] for num in (4, 8)]
     assert stds[0] / stds[1] == pytest.approx(np.sqrt(2), rel=0.03)
     sensitivity = analyze(swinging.simulator, np.stack([actions] * 4), 0, seen)
     checked = conclude(swinging.task.parameters, sensitivity)
-    assert promised[4]["damping"]["std_percent"] == pytest.approx(
+    assert expected[4]["damping"]["std_percent"] == pytest.approx(
         checked["parameters"]["damping"]["std_percent"]
     )
 

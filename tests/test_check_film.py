@@ -1,5 +1,7 @@
 """`simtune check` looks at the film: drawn scenes whose framing is known, and a simulated one."""
 
+from dataclasses import replace
+
 import av
 import numpy as np
 import pytest
@@ -7,9 +9,11 @@ from test_check import PENDULUM, make_task, pendulum
 
 from simtune.checking.film import compare as film
 from simtune.checking.film.compare import compare
+from simtune.checking.film.exchanged import exchanged
 from simtune.checking.film.features import SIZE, describe, likeness, moving_share
 from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, MIRRORED
 from simtune.checking.film.library import Library, make_libraries
+from simtune.checking.film.resting import resting_parts
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.recordings import write_dataset
@@ -207,6 +211,42 @@ def test_a_library_is_of_worlds_that_play_the_actions():
     (near,) = make_libraries(other.simulator(image_size=SIZE), actions, seed=1)
     (said,) = compare(near.frames[:2, ::3], library).warnings
     assert "enlarged 1.5 times" in said
+
+
+def test_exchanged_films_are_told_by_what_moves_alone(library):
+    # All stand before their own backgrounds: nothing but the bar tells the cameras apart.
+    film, plain = drawn(2, 8, 1), library.frames
+    upright = [film, np.rot90(film, 1, (2, 3))]
+    libraries = [library, library_of(np.rot90(plain, 1, (2, 3)))]
+    assert exchanged(upright, libraries) == {}
+    assert exchanged(upright[::-1], libraries) == {0: 1, 1: 0}
+    comparison = replace(compare(upright[1], library, is_plate=True), exchanged_with="side")
+    assert comparison.warnings[0].endswith("are their keys exchanged?")
+
+
+def test_before_the_films_own_background_no_other_scene_is_ruled_out(library):
+    film = drawn(2, 8, 1)
+    assert compare(film, library).all_clear.startswith("nothing says that this is another scene")
+    assert "only what moves was compared" in compare(film, library, is_plate=True).all_clear
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_part_that_rests_is_said_to_be_in_the_background_if_that_shows_it(shown):
+    task = pendulum()
+    before = task.simulator(image_size=SIZE)
+    nominal = np.tile(task.parameters.nominal, (2, 1))
+    played = before.roll_out(
+        nominal, np.zeros((2, 4, before.num_actions)), np.random.default_rng(0)
+    )
+    states = played.states[:, :1].repeat(6, 1)
+    (first,) = before.render(states[:1, 0], nominal[:1])
+    plate = first if shown else np.full_like(first, 128)
+    view = replace(before.views[0], plate=plate)
+    simulator = task.simulator(image_size=SIZE, views=[view])
+    frames = simulator.render(states.reshape(12, -1), nominal.repeat(6, 0))
+    frames = frames.reshape(2, 6, *frames.shape[1:])
+    library = Library(states, frames, describe(frames))
+    assert bool(resting_parts(simulator, library, 0)) == shown
 
 
 # --- the command --------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from servo_arm import write_arm
 
 from simtune import cli
 from simtune.checking import check, table
-from simtune.checking.readings import read_episodes, reading_changes
+from simtune.checking.readings import look_at_servos, read_episodes, reading_changes
 from simtune.checking.servos.commands import commands_of, servos_of
 from simtune.checking.servos.joint_ranges import beyond_ranges
 from simtune.config import CheckConfig, TuneConfig
@@ -32,7 +32,7 @@ from simtune.real.observed import observed, open_recordings
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning.search import Needed
+from simtune.tuning.search import TimeNeeded
 from simtune.tuning_run import tune
 
 STEP_S, NUM_STEPS = 0.05, 60
@@ -270,6 +270,21 @@ def test_what_integrates_its_control_is_no_servo_of_positions(tmp_path):
     assert servos_of(task.simulator(image_size=16), task.sensors) == [None, None]
 
 
+def test_a_lost_packet_changes_no_servo(blind):
+    simulator, seen = blind.simulator(image_size=16), observed(blind, None, is_simulated=False)
+    sound = [replace(t, readings=seen.in_units(t.readings, STEP_S)) for t in episodes(blind)]
+    spoilt = [replace(t, readings={k: v.copy() for k, v in t.readings.items()}) for t in sound]
+    spoilt[1].readings["arm"][30] = 655.35
+    spoilt[2].readings["cart"][10:] = np.nan
+    expected, found = (look_at_servos(t, simulator, seen) for t in (sound, spoilt))
+    missing, lost = found.warnings
+    assert "slide is missing at 84% of the steps of episode 2" in missing
+    assert "elbow reads 655 rad at step 30 of episode 1" in lost
+    servo = expected.servos["elbow"]
+    assert found.servos["elbow"].rms == pytest.approx(servo.rms, rel=0.02)
+    assert found.servos["elbow"].lag_s == pytest.approx(servo.lag_s, rel=0.02)
+
+
 def test_readings_in_other_units_are_noticed(recorded, tmp_path):
     task = write_task(tmp_path, BLIND.replace('unit = "deg"\nnoise = 0.1', 'unit = "rad"'))
     config = CheckConfig(task="x", real=recorded)
@@ -285,7 +300,9 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     dataset = open_recordings(recorded, task, CheckConfig(task="x", real=recorded), 16, seen)
     simulator = task.simulator(image_size=16, step_s=STEP_S)
     real = read_episodes(dataset, 3, simulator, seen).trajectories
-    search = SimpleNamespace(measure_time=lambda _: Needed(1.0, 1.0, 0.1, ""), stop_reason="done")
+    search = SimpleNamespace(
+        measure_time=lambda _: TimeNeeded(1.0, 1.0, 0.1, ""), stop_reason="done"
+    )
     config = TuneConfig(task="x", real=str(recorded), out=tmp_path / "run")
     begun = SimpleNamespace(
         warnings=lambda _: ["a film"],
@@ -355,7 +372,7 @@ def test_an_episode_that_broke_off_is_warned_of(blind, tmp_path, steps):
     result = check(CheckConfig(task=str(tmp_path / "tune.toml"), real=folder))
     assert set(result["servos"]) == {"elbow"}
     (said,) = [warning for warning in result["warnings"] if "leave it out" in warning]
-    assert f"episode 1, counted from 0, has {steps} steps: `simtune tune` needs at least 8" in said
+    assert f"episode 1 has {steps} steps: `simtune tune` needs at least 8" in said
 
 
 def test_recordings_without_an_episode_that_is_long_enough_are_refused(blind, tmp_path):

@@ -6,6 +6,7 @@ import pytest
 from simtune.checking.servos.commands import _without_gaps
 from simtune.checking.servos.doubts import doubts
 from simtune.checking.servos.fit import Servo, delayed_by, filtered_by, fit_servo, noise_of
+from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.play import find_play, through_play
 from simtune.checking.servos.table import servo_lines
 
@@ -206,6 +207,48 @@ def test_a_soft_servo_is_no_doubt():
     asked = commands()
     read = [reads(0.85 * delayed_by(filtered_by(c, 4), 2), 0.002) - 0.1 for c in asked]
     assert said_of(asked, read) == []
+
+
+# --- readings that are lost ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("steps", [40, 400])
+def test_a_lost_packet_is_left_out_and_said(steps):
+    asked = commands(2, steps)
+    read = [reads(command, noise=0.002) for command in asked]
+    true = [values.copy() for values in read]
+    read[1][[17, 30, 31]] = 655.35, -40.0, -40.0
+    if steps == 40:
+        read[1][30:32] = true[1][30:32]
+    kept, (said,) = without_lost_packets("elbow", "rad", asked, read)
+    assert said.startswith("elbow reads 655 rad at step 17 of episode 1, counted from 0, and -")
+    assert ("(one of 3 such readings): a lost packet?" in said) == (steps == 400)
+    assert np.isnan(kept[1]).sum() == (3 if steps == 400 else 1)
+    np.testing.assert_array_equal(kept[0], true[0])
+    is_known = np.isfinite(kept[1])
+    np.testing.assert_array_equal(kept[1][is_known], true[1][is_known])
+
+
+def test_a_joint_that_moves_once_has_lost_nothing():
+    """A gripper at an episode's end; one that is pressed and rests; a flickering last digit."""
+    asked, read = np.zeros(400), np.zeros(401)
+    asked[396:], read[397:] = 0.8, 0.8
+    pressed, its = np.zeros(400), np.zeros(401)
+    pressed[200:203], its[201:204] = 0.8, 0.7
+    flickers = np.zeros(401)
+    flickers[90] = 0.017
+    for command, values in ((asked, read), (pressed, its), (pressed, flickers)):
+        kept, said = without_lost_packets("grip", "rad", [command], [values])
+        assert said == []
+        np.testing.assert_array_equal(kept[0], values)
+
+
+def test_readings_that_are_mostly_missing():
+    values = np.zeros((2, 41, 2))
+    values[1, 21:] = np.nan  # shorter
+    values[0, 10:, 1], values[1, 14:, 0] = np.nan, np.nan
+    (said,) = missing(["elbow", "wrist"], values, [40, 20])
+    assert said.startswith("wrist is missing at 76% of the steps of episode 0, counted from 0: ")
 
 
 def test_missing_readings_are_interpolated_before_actions_displace_them():

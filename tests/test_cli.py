@@ -26,7 +26,7 @@ from simtune import cli
 from simtune.cli import commands
 from simtune.cli.parse import parse
 from simtune.config import TuneConfig
-from simtune.config.checks import flag
+from simtune.config.option_checks import flag
 from simtune.devices import choose_device
 from simtune.errors import InputError, blame
 from simtune.progress import ProgressBar
@@ -311,7 +311,7 @@ def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each
         "tune",
         "cartpole",
         *arguments,
-        message="episode 0, counted from 0, has 5 steps; expected at least 21",
+        message="episode 0 has 5 steps; expected at least 21: leave it out (--leave-out)",
     )
 
 
@@ -850,16 +850,16 @@ def test_a_tilde_is_the_home_folder_wherever_an_option_has_it(monkeypatch, tmp_p
 
 
 def test_scores_of_small_rewards_keep_their_digits(tmp_path):
-    from simtune.cli.of_runs import _say_result
+    from simtune.cli.run_commands import _print_result
 
     said: list[str] = []
     result = {"method": "dr", "warnings": [], "return": {"mean": 0.42, "std": 0.31, "episodes": 10}}
-    _say_result(result, tmp_path, said.append)
+    _print_result(result, tmp_path, said.append)
     assert said[0] == "return 0.420 ± 0.310 in 10 episodes"
 
 
 def test_the_terminal_says_how_many_intervals_hold_the_truth(tmp_path):
-    from simtune.cli.of_runs import _say_result
+    from simtune.cli.run_commands import _print_result
 
     def told(search: str) -> str:
         said: list[str] = []
@@ -867,7 +867,7 @@ def test_the_terminal_says_how_many_intervals_hold_the_truth(tmp_path):
         ends = {"missed": {"low": 1.1, "high": 1.3}, "held": {"low": 0.9, "high": 1.3}}
         found = {name: entry | pair | {"verdict": "weak"} for name, pair in ends.items()}
         result = {"method": "autotune", "search": search, "parameters": found, "warnings": []}
-        _say_result(result | {"percent_error": 20.0}, tmp_path, said.append)
+        _print_result(result | {"percent_error": 20.0}, tmp_path, said.append)
         return "\n".join(said)
 
     assert "mean error 20.0 %\n1 of 2 intervals hold the truth" in told("posterior")

@@ -9,11 +9,13 @@ import pytest
 
 from simtune.compare import compare, table
 from simtune.compare.compare import FALSE_ALARM_RATE, differences, largest_allowed, p_value
+from simtune.compare.estimates import Estimates, read_estimates
 from simtune.config import CompareConfig
 from simtune.errors import InputError
 from simtune.experiment import outcome
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
+from simtune.report.read_run import read_finished
 from simtune.run.files import read_json, write_json
 from simtune.tasks import load_task
 from simtune.tuning.joint import Joint
@@ -22,6 +24,7 @@ from simtune.tuning.survival_curves import candidate_grid, with_fit
 
 SPACE = load_task("finger").parameters
 STD = 0.02  # of the first range
+AXES = {p.name: {"scale": p.scale, "low": p.low, "high": p.high} for p in SPACE}
 
 
 def a_run(path: Path, mean: np.ndarray, space: ParameterSpace = SPACE, **facts) -> Path:
@@ -157,6 +160,33 @@ def test_notes_tell_the_same_films_of_a_pseudo_real_world_and_two_worlds(tmp_pat
     assert notes(real="monday", truth=None) == []  # which may be of the same world
 
 
+def test_what_a_trimmed_tuning_file_tunes_too_is_compared_with_a_note(tmp_path):
+    mean = np.full(len(SPACE), 0.5)
+    one = a_run(tmp_path / "one", mean)
+    fewer = ParameterSpace(SPACE.parameters[1:])
+    other = a_run(tmp_path / "fewer", mean[1:], fewer, task="finger2")
+    for run in (one, other):
+        (run / "sources").mkdir()
+        (run / "sources" / "arm.xml").write_text("<mujoco/>")
+        (run / "sources" / f"{run.name}.toml").write_text(run.name)
+    result = compared(one, other)
+    assert list(result["parameters"]) == list(fewer.names)
+    assert result["agree"] is True
+    (note,) = result["notes"]
+    assert note == f"not tuned alike in all runs, so not compared: {SPACE.names[0]}"
+
+
+def test_estimates_within_other_bounds_are_compared_along_one_scale(tmp_path):
+    mean, first = np.full(len(SPACE), 0.5), SPACE.parameters[0]
+    wider = ParameterSpace((dataclasses.replace(first, high=99), *SPACE.parameters[1:]))
+    runs = [a_run(tmp_path / "one", mean), a_run(tmp_path / "wider", mean, wider)]
+    found = [Estimates.along(read_estimates(read_finished(run)), AXES) for run in runs]
+    values = SPACE.from_unit(np.array([each.mean for each in found]))[:, 0]
+    told = [read_json(run / "result.json")["parameters"][first.name]["mean"] for run in runs]
+    np.testing.assert_allclose(values, told, rtol=0.02)
+    assert compared(*runs)["notes"] == [f"of other bounds in some runs: {first.name}"]
+
+
 def test_what_cannot_be_compared_is_said_in_a_line(tmp_path):
     mean = np.full(len(SPACE), 0.5)
     one = a_run(tmp_path / "one", mean)
@@ -172,10 +202,9 @@ def test_what_cannot_be_compared_is_said_in_a_line(tmp_path):
     elsewhere = a_run(tmp_path / "a", np.full(len(cartpole), 0.5), cartpole, task="cartpole")
     assert "is of finger" in refused(elsewhere)
     assert "of cartpole: compare runs of one task" in refused(elsewhere)
-    fewer = a_run(tmp_path / "b", mean[1:], ParameterSpace(SPACE.parameters[1:]))
-    assert f"tuned {SPACE.names[0]}:" in refused(fewer)
-    wider = [dataclasses.replace(SPACE.parameters[0], high=99), *SPACE.parameters[1:]]
-    assert "has other bounds" in refused(a_run(tmp_path / "c", mean, ParameterSpace(wider)))
+    renamed = [dataclasses.replace(p, name=f"my_{p.name}") for p in SPACE.parameters]
+    none_shared = a_run(tmp_path / "b", mean, ParameterSpace(renamed))
+    assert "no parameter is tuned in all of" in refused(none_shared)
     assert "gives no intervals" in refused(a_run(tmp_path / "d", mean, search="paper"))
     assert "--method dr" in refused(a_run(tmp_path / "e", mean, search=None, method="dr"))
     older = a_run(tmp_path / "f", mean)

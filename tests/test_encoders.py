@@ -21,9 +21,9 @@ from simtune.run.folder import RunFolder
 from simtune.run.real_episodes import read_real, write_real
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning import make_search
-from simtune.tuning.fit_stage import _blunted, _scaled_as
+from simtune.tuning.fit_stage import _scaled_as, _with_inflated_noise
 from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings_first import ReadingsFirst
 
 JOINTS = {
     "cartpole": ("slider",),
@@ -101,11 +101,11 @@ def test_readings_are_those_of_the_first_episodes_after_a_resumption_too(tmp_pat
     experiment, read = build_experiment(config), list[list[Trajectory]]()
     monkeypatch.setattr(ReadingsEstimate, "fitted", lambda context, real, budget: read.append(real))
     real, budget = experiment.recordings, Budget()
-    search, resumed = (make_search("posterior", experiment.context) for _ in range(2))
-    search._fit_readings(real, budget)
-    resumed.load(search.tensors(), json.loads(json.dumps(search.state())))
-    for one in (search, resumed):
-        one._fit_readings([real[1], real[0], *real], budget)
+    readings, resumed = (ReadingsFirst(experiment.context) for _ in range(2))
+    readings.fit(real, 0.0, budget)
+    resumed.load(json.loads(json.dumps(readings.state())))
+    for one in (readings, resumed):
+        one.fit([real[1], real[0], *real], 0.0, budget)
     assert [[id(trajectory) for trajectory in each] for each in read] == [[*map(id, real)]] * 3
 
 
@@ -113,7 +113,7 @@ def test_readings_in_windows_count_as_thirty_times_as_noisy():
     values = np.zeros((1, 4, 2))
     evidence = AllEvidence((JointReadings.of("encoders", "rad", values, 0.001),))
     off = evidence.log_likelihood(values + 0.02)
-    assert _blunted(evidence).log_likelihood(values + 0.6) == pytest.approx(off)
+    assert _with_inflated_noise(evidence).log_likelihood(values + 0.6) == pytest.approx(off)
 
 
 def test_a_network_gets_readings_on_the_scale_that_it_learnt():

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from simtune.before_after.videos import StartSearchConfig
+from simtune.before_after.start_search import StartSearchConfig
 from simtune.config import TuneConfig
 from simtune.experiment.settings import Settings
 from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage
@@ -75,11 +75,14 @@ SEARCH = PosteriorSearchConfig(
     detector_updates=(250, 150),
     posterior_updates=100,
     state_updates=80,
-    num_refits=(2, 2),
+    planned_refits=2,
+    most_refits=2,
     fit=FitConfig(
         particles=ParticleConfig(num=64, steps=2),
         shooting=ShootingConfig(
-            stages=(Stage(4, 4, 6.0), Stage(8, 2, 2.0), Stage(12, 4)), longer=(), num_windows=20
+            stages=(Stage(4, 4, 6.0, states_only=True), Stage(8, 2, 2.0), Stage(12, 4)),
+            longer=(),
+            num_windows=20,
         ),
     ),
 )

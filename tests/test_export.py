@@ -20,7 +20,7 @@ from scipy.stats import spearmanr
 from simtune.config import ExportConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment import outcome
-from simtune.export import export
+from simtune.export import export, summary
 from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution
 from simtune.real.choose import read_parameters
@@ -371,6 +371,19 @@ def test_numbers_come_with_where_they_are_from(tmp_path):
     np.testing.assert_array_equal(given, mean)
 
 
+def test_how_sure_the_numbers_are_is_printed(tmp_path):
+    run, _ = a_run(tmp_path / "run", "finger")
+    stored = json.loads((run / "result.json").read_text())
+    first, *others = stored["parameters"]
+    stored["parameters"][first]["verdict"] = "identified"
+    write_json(run / "result.json", stored)
+    assert summary(run) == [
+        f"1 of {1 + len(others)} parameters identified",
+        f"weak: {', '.join(others)}",
+        "warning: odd",
+    ]
+
+
 # --- draws of the posterior -----------------------------------------------------------------
 
 
@@ -406,6 +419,7 @@ def test_delays_and_offsets_that_no_model_holds_are_written_beside_it(tmp_path):
         assert written["late_s"] == pytest.approx(
             {"actions": 0.1 * timed, "pictures": 0.01 * timed, "readings": 0.003 * timed}
         )
+        assert written["late_std_s"] == {"pictures": 0.002 * timed, "readings": 0.001 * timed}
         assert written["offsets"] == ({"q.hip": 0.2} if timed else {})
 
 

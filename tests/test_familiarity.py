@@ -7,7 +7,13 @@ from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.tuning import familiarity
 from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.estimate import Estimate, Verdict
-from simtune.tuning.familiarity import NOT_STRANGE, STRANGE, Strange, doubted, how_strange
+from simtune.tuning.familiarity import (
+    NOT_STRANGE,
+    STRANGE,
+    Strangeness,
+    doubted,
+    measure_strangeness,
+)
 from simtune.vision.detections import Detections
 
 WORLDS, EPISODES, STEPS, KEYPOINTS, SIZE = 60, 2, 50, 4, 64
@@ -46,14 +52,14 @@ def held_out(rng: np.random.Generator, error: float) -> HeldOut:
     return HeldOut(worlds, detected(found))
 
 
-def strange(real: np.ndarray, seed: int, worlds: np.ndarray | None = None) -> Strange:
+def strange(real: np.ndarray, seed: int, worlds: np.ndarray | None = None) -> Strangeness:
     """Of (n, T + 1, L, 2) real places, off by a pixel as in worlds."""
     rng = np.random.default_rng((1, seed))
     if worlds is None:
         worlds = falling(WORLDS * EPISODES, rng)
         worlds = worlds.reshape(WORLDS, EPISODES, STEPS + 1, KEYPOINTS, 2)
     films = [detected(episode + rng.normal(0, 1, episode.shape)) for episode in real]
-    return how_strange(worlds, held_out(rng, 1.0), Detected([], films))
+    return measure_strangeness(worlds, held_out(rng, 1.0), Detected([], films))
 
 
 def test_a_robot_that_falls_as_worlds_do_is_not_strange():
@@ -65,7 +71,7 @@ def test_a_robot_that_falls_as_worlds_do_is_not_strange():
 @pytest.mark.parametrize("seed", range(3))
 def test_a_robot_that_a_policy_keeps_upright_is_strange(seed):
     found = strange(falling(5, np.random.default_rng(seed), upright=0.8), seed)
-    assert found == Strange(clearly=True, perhaps=True)
+    assert found == Strangeness(clearly=True, perhaps=True)
 
 
 def test_worlds_that_hardly_differ_do_not_make_small_errors_strange():
@@ -79,7 +85,9 @@ def test_worlds_that_hardly_differ_do_not_make_small_errors_strange():
 def test_without_visible_motion_nothing_is_strange():
     worlds = np.zeros((WORLDS, EPISODES, STEPS + 1, 0, 2))
     films = [detected(np.zeros((STEPS + 1, 0, 2)))]
-    found = how_strange(worlds, held_out(np.random.default_rng(0), 1.0), Detected([], films))
+    found = measure_strangeness(
+        worlds, held_out(np.random.default_rng(0), 1.0), Detected([], films)
+    )
     assert found == NOT_STRANGE
 
 
@@ -102,10 +110,10 @@ def test_shares_are_of_the_worlds_that_are_nearer_at_that_step():
 @pytest.mark.parametrize(
     ("strange", "distance", "is_doubted"),
     [
-        (Strange(clearly=True, perhaps=True), 0.5, True),
-        (Strange(clearly=False, perhaps=True), 0.5, False),
-        (Strange(clearly=False, perhaps=True), 0.8, True),  # in known worlds at most 0.6
-        (Strange(clearly=False, perhaps=True), None, False),
+        (Strangeness(clearly=True, perhaps=True), 0.5, True),
+        (Strangeness(clearly=False, perhaps=True), 0.5, False),
+        (Strangeness(clearly=False, perhaps=True), 0.8, True),  # in known worlds at most 0.6
+        (Strangeness(clearly=False, perhaps=True), None, False),
         (NOT_STRANGE, 0.8, False),
     ],
 )
@@ -121,5 +129,5 @@ def test_nothing_is_identified_by_strange_videos(strange, distance, is_doubted):
 
 def test_without_known_worlds_only_clearly_strange_videos_are_doubted():
     estimate = Estimate(*np.zeros((3, 1)), ["weak"])
-    assert doubted(estimate, Strange(clearly=False, perhaps=True)) == estimate
-    assert doubted(estimate, Strange(clearly=True, perhaps=True)).warnings == [STRANGE]
+    assert doubted(estimate, Strangeness(clearly=False, perhaps=True)) == estimate
+    assert doubted(estimate, Strangeness(clearly=True, perhaps=True)).warnings == [STRANGE]

@@ -77,7 +77,7 @@ def observed_of(rollouts, noise_px: float, mixed_up: float, rng) -> Observed:
 
 
 def shooting(simulator, keypoints, rollouts, fitted=MOVING) -> Shooting:
-    config = ShootingConfig(stages=(Stage(4, 4, 4.0), Stage(12, 8)))
+    config = ShootingConfig(stages=(Stage(4, 4, 4.0, states_only=True), Stage(12, 8)))
     prior_std = np.array([0.1, 0.1, 0.5, 0.5])
     physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
     return Shooting(physics, prior_std, fitted, config)

@@ -160,9 +160,10 @@ def test_list_of_episodes_odd(dataset):
     assert message(dataset) == (
         "HERE/meta/episodes.jsonl: line 2: expected a number in 'length', got '8'"
     )
-    edit_lines(dataset, line(0, 12), line(1, 1))
+    edit_lines(dataset, line(0, 12), line(1, 1), line(2, 13))
     assert message(dataset) == (
-        "HERE: episode 1 has 1 row; expected at least 2, a frame before and a frame after an action"
+        "HERE: episode 1 has 1 row; expected at least 2, a frame before and a frame after an "
+        "action; delete the episode, or use only those before it (--real-episodes)"
     )
 
 

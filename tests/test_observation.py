@@ -271,7 +271,7 @@ def test_search_round_uses_readings_of_the_real_world_and_of_its_refits(tiny):
     real = observation.record(simulator, simulator.roll_out(worlds, actions, rng, see), rng)
     sensor.measured.clear()
     context = replace(context_of(simulator), observation=observation)
-    config = replace(tiny, num_rounds=1, num_refits=(2, 2))
+    config = replace(tiny, num_rounds=1, planned_refits=2, most_refits=2)
     search = PosteriorSearch(context, config)
     estimate, _, metrics = search.run_round(real, Budget())
     assert np.isfinite(estimate.mean).all()

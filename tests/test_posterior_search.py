@@ -22,7 +22,7 @@ from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, familiarity, make_search
 from simtune.tuning.detected import Detected
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.learning import Learned
+from simtune.tuning.learning import LearningResult
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Callbacks
@@ -75,7 +75,7 @@ def test_the_detector_is_judged_in_worlds_as_near_the_real_one_as_its_start_tell
     learning, searched = search._learning, search.distribution
     others = learning.hold_out(real, searched, Budget())
     nothing = np.empty(0)
-    learned = Learned(searched, nothing, others, Detected(real, []), nothing)
+    learned = LearningResult(searched, nothing, others, Detected(real, []), nothing)
     near = learning.film_near(learned, known, Budget()).worlds
     assert near.frames.shape[:2] == (tiny.near_worlds, tiny.near_steps)
     away = np.abs(SPACE.to_unit(near.parameters) - SPACE.to_unit(START))
@@ -203,8 +203,8 @@ def test_a_round_is_judged_by_refits_unless_time_is_over_or_another_will_follow(
         estimate, _, _ = start(simulator, config).run_round(real, budget)
         return {len(ranks) for ranks in estimate.ranks.values()}
 
-    assert refits(replace(tiny, num_rounds=1), Budget(1e6)) == {tiny.num_refits[1]}
-    assert refits(replace(tiny, num_rounds=1), Budget()) == {tiny.num_refits[0]}
+    assert refits(replace(tiny, num_rounds=1), Budget(1e6)) == {tiny.most_refits}
+    assert refits(replace(tiny, num_rounds=1), Budget()) == {tiny.planned_refits}
     assert refits(tiny, Budget()) == set(), "what is fitted once more needs no refits"
     assert refits(tiny, over()) == set()
 
@@ -226,7 +226,7 @@ def test_a_round_without_time_for_its_fit_keeps_that_of_the_round_before(simulat
     search = start(simulator, replace(tiny, num_rounds=1))
     judged, _, _ = search.run_round(real, Budget(1e6))
     estimate, _, _ = search.run_round(real, over())
-    assert {len(ranks) for ranks in judged.ranks.values()} == {tiny.num_refits[1]}
+    assert {len(ranks) for ranks in judged.ranks.values()} == {tiny.most_refits}
     assert estimate is judged, "its fit, which was not finished, is of no use"
     later = start(CARTPOLE.simulator(image_size=SIZE), replace(tiny, num_rounds=1))
     tensors = {k: v.clone() for k, v in search.tensors().items()}
@@ -289,8 +289,8 @@ def test_videos_of_a_robot_where_no_world_gets_are_said_to_be_so(
     simulator, real, tiny, monkeypatch, is_strange
 ):
     """Real episodes in which everything stands elsewhere, or the simulator's own."""
-    place = "simtune.tuning.posterior.how_strange"
-    compare, told = familiarity.how_strange, []
+    place = "simtune.tuning.posterior.measure_strangeness"
+    compare, told = familiarity.measure_strangeness, []
 
     def moved(worlds: np.ndarray, held_out, detected) -> familiarity.Strange:
         off = 40.0 * is_strange

@@ -344,10 +344,10 @@ def test_a_reading_that_is_never_there_is_refused_by_name(tmp_path):
     write_lerobot(tmp_path / "dataset", **{"observation.force": np.full((NUM_ROWS, 1), np.nan)})
     said = message(tmp_path / "dataset", readings=SENSORS, cameras=())
     assert said == (
-        "HERE: episode 0: reading observation.force[0] is nowhere finite; "
+        "HERE: episode 0: reading observation.force[0] is missing at every step; "
         "drop the episode, or leave the reading out"
     )
-    with pytest.raises(InputError, match="nowhere finite"):
+    with pytest.raises(InputError, match="missing at every step"):
         open_dataset(tmp_path / "dataset", readings=SENSORS, cameras=()).skim(0)
 
 

@@ -12,6 +12,8 @@ from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings_fits import BestDescent
+from simtune.tuning.readings_verdict import ReadingsFit
 
 SPACE = ParameterSpace(
     [dynamics(n, "body_mass", (n,), nominal=1.0, unit="kg") for n in ("servo", "box")]
@@ -33,8 +35,19 @@ READ = estimate(
 SEEN = FIRST.with_interval(READ.mean, np.array([1.8, 0.5]), np.array([2.2, 2.0]))
 
 
+def by_fit(
+    estimate: Estimate,
+    is_trusted: bool,
+    joints: JointMotion | None = None,
+    is_in_time: bool = True,
+) -> ReadingsEstimate:
+    found = cast(BestDescent, None)  # is not asked for
+    fit = ReadingsFit(estimate, SEEN, is_trusted, is_in_time, found, np.zeros(1))
+    return ReadingsEstimate(fit, joints)
+
+
 def test_what_readings_identify_is_held_where_they_have_it():
-    by_readings = ReadingsEstimate(READ, SEEN, is_trusted=True)
+    by_readings = by_fit(READ, is_trusted=True)
     assert by_readings.is_held.tolist() == [True, False]
     start = by_readings.start(PointEstimate(np.array([1.0, 1.5]), np.array([0.2, 0.3])))
     assert start.parameters == pytest.approx([READ.mean[0], 1.5])
@@ -47,7 +60,7 @@ def test_what_readings_identify_is_held_where_they_have_it():
 
 def test_each_parameter_is_as_the_better_of_both_says():
     both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified", correlation=np.eye(2))
-    mixed = ReadingsEstimate(READ, SEEN, is_trusted=True).combined_with(both)
+    mixed = by_fit(READ, is_trusted=True).combined_with(both)
     assert mixed.verdict == ["identified", "identified"]
     assert mixed.mean == pytest.approx([READ.mean[0], both.mean[1]])
     assert (mixed.low[0], mixed.low[1]) == (1.9, 0.9)
@@ -63,7 +76,7 @@ def test_each_parameter_is_as_the_better_of_both_says():
 def test_what_readings_and_videos_contradict_each_other_on_covers_both_and_is_told():
     read = replace(READ, verdict=["weak", "weak"])
     both = estimate((2.5, 0.9), (2.6, 1.1), "identified", "identified")
-    mixed = ReadingsEstimate(read, SEEN, is_trusted=True).combined_with(both)
+    mixed = by_fit(read, is_trusted=True).combined_with(both)
     assert mixed.verdict == ["weak", "identified"]
     assert (mixed.low.tolist(), mixed.high.tolist()) == ([1.9, 0.9], [2.6, 1.1])
     at, above = mixed.curves["servo"]
@@ -72,21 +85,21 @@ def test_what_readings_and_videos_contradict_each_other_on_covers_both_and_is_to
     assert "contradict each other on servo: [1.9, 2.1] by readings alone, [2.5, 2.6]" in warning
     # A wide interval that ends beside a narrow one is no contradiction: it misses once in ten times
     wide = estimate((2.15, 0.9), (6.0, 1.1), "weak", "identified")
-    assert ReadingsEstimate(read, SEEN, is_trusted=True).combined_with(wide).warnings == []
+    assert by_fit(read, is_trusted=True).combined_with(wide).warnings == []
     # Where readings have no say, they contradict nothing
-    assert ReadingsEstimate(read, SEEN, is_trusted=False).combined_with(both).low[0] == 2.5
+    assert by_fit(read, is_trusted=False).combined_with(both).low[0] == 2.5
 
 
 def test_without_a_fit_to_videos_errors_that_readings_know_still_go_together():
     both = estimate((1.0, 0.4), (3.0, 2.1), "weak", "weak")
-    mixed = ReadingsEstimate(READ, SEEN, is_trusted=True).combined_with(both)
+    mixed = by_fit(READ, is_trusted=True).combined_with(both)
     assert mixed.mean == pytest.approx(READ.mean)
     assert mixed.correlation == pytest.approx(READ.correlation)
     assert mixed.correlations == {"servo, box": 0.9}
 
 
 def test_readings_that_no_simulator_explains_twice_have_no_say():
-    by_readings = ReadingsEstimate(READ, SEEN, is_trusted=False)
+    by_readings = by_fit(READ, is_trusted=False)
     both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified")
     assert not by_readings.is_held.any()
     assert by_readings.latency_steps == 0
@@ -99,7 +112,7 @@ def test_a_robots_motion_is_read_even_if_no_second_fit_agreed():
     """Where all but loose objects is read. What one fit found is weak, and is said to be one's."""
     joints = cast(JointMotion, object())
     once = replace(READ, verdict=["weak", "not identifiable"], warnings=["found once"])
-    by_readings = ReadingsEstimate(once, SEEN, is_trusted=False, joints=joints)
+    by_readings = by_fit(once, is_trusted=False, joints=joints)
     assert by_readings.joints is joints
     assert by_readings.is_held.tolist() == [True, False]
     assert by_readings.latency_steps == 2
@@ -108,7 +121,7 @@ def test_a_robots_motion_is_read_even_if_no_second_fit_agreed():
     assert mixed.mean == pytest.approx([READ.mean[0], both.mean[1]])
     assert mixed.verdict == ["weak", "identified"]
     assert mixed.warnings == ["found once", "seen"]
-    late = ReadingsEstimate(once, SEEN, is_trusted=False, joints=joints, is_in_time=False)
+    late = by_fit(once, is_trusted=False, joints=joints, is_in_time=False)
     assert not late.is_held.any()
     assert late.combined_with(both).mean == pytest.approx(both.mean)
 
@@ -116,9 +129,7 @@ def test_a_robots_motion_is_read_even_if_no_second_fit_agreed():
 def test_actions_and_readings_are_taken_when_it_was_so():
     frames, read = np.zeros((5, 0, 0, 3), np.uint8), {"arm": np.square(np.arange(5.0))[:, None]}
     real = Trajectory(frames, np.arange(4.0)[:, None], 0.1, readings=read)
-    by_readings = ReadingsEstimate(
-        replace(READ, readings_late_s=(0.03, 0.001)), SEEN, is_trusted=True
-    )
+    by_readings = by_fit(replace(READ, readings_late_s=(0.03, 0.001)), is_trusted=True)
     (late,) = by_readings.without_delay([real])
     assert late.actions[:, 0].tolist() == [0, 0, 0, 1]
     assert late.readings["arm"][:4, 0] == pytest.approx(np.square([0.3, 1.3, 2.3, 3.3]))
@@ -126,10 +137,10 @@ def test_actions_and_readings_are_taken_when_it_was_so():
     both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified")
     assert by_readings.combined_with(both).readings_late_s == (0.03, 0.001)
     # Readings may tell how late actions are, and no parameter well
-    weak = ReadingsEstimate(replace(READ, verdict=["weak", "weak"]), SEEN, is_trusted=True)
+    weak = by_fit(replace(READ, verdict=["weak", "weak"]), is_trusted=True)
     assert not weak.is_held.any()
     assert weak.without_delay([real])[0].actions[:, 0].tolist() == [0, 0, 0, 1]
-    assert ReadingsEstimate(READ, SEEN, is_trusted=False).without_delay([real])[0] is real
+    assert by_fit(READ, is_trusted=False).without_delay([real])[0] is real
 
 
 def test_what_readings_tell_goes_with_their_offsets_and_warnings():
@@ -137,9 +148,9 @@ def test_what_readings_tell_goes_with_their_offsets_and_warnings():
     both = estimate(
         (1.0, 0.9), (3.0, 1.1), "weak", "identified", offsets={"arm": 0.02}, warnings=["late"]
     )
-    mixed = ReadingsEstimate(read, SEEN, is_trusted=True).combined_with(both)
+    mixed = by_fit(read, is_trusted=True).combined_with(both)
     assert mixed.offsets == {"arm": 0.05}
     assert mixed.warnings == ["at a bound", "late"]
-    alone = ReadingsEstimate(read, SEEN, is_trusted=False).combined_with(both)
+    alone = by_fit(read, is_trusted=False).combined_with(both)
     unused = "Joint readings alone had no say in the estimates: at a bound"
     assert (alone.offsets, alone.warnings) == ({"arm": 0.02}, [unused, "late"])

@@ -157,12 +157,22 @@ def test_no_picture_stands_in_for_one_beyond_the_last(tmp_path):
         ({"actions": np.array(["up"] * 24)}, "as numbers, got texts of shape (24,)"),
         ({"actions": np.full((24, 3), np.nan)}, "action"),
         ({"action_names": ["x"]}, "expected action_names as 3 texts"),
+        ({"action_names": np.array(["x", "y", "z"], object)}, "action_names holds Python objects"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(tmp_path, changed, said):
     text = message(write(tmp_path / "a", episode(**changed)))
     assert said in text
     assert "\n" not in text
+
+
+@pytest.mark.parametrize("names", [np.array(list("xyz"), object), [b"x", b"y", b"z"]])
+def test_names_of_actions_in_memory_may_be_of_a_pandas_table(tmp_path, names):
+    """Whose columns' names are Python objects; or bytes."""
+    dataset = open_dataset(write_arrays([episode(action_names=names)], tmp_path))
+    assert dataset.action_names == ("x", "y", "z")
+    with pytest.raises(InputError, match="expected action_names as texts, got Python objects"):
+        write_arrays([episode(action_names=np.array(["x", None, "z"], object))], tmp_path)
 
 
 def test_damaged_files_and_other_episodes_are_said_in_a_line(tmp_path):
@@ -284,8 +294,8 @@ def test_arrays_without_pictures_are_named_as_in_python():
 @pytest.mark.thorough
 def test_check_takes_arrays(small_library):
     rng = np.random.default_rng(0)
-    frames = rng.integers(0, 255, (9, 48, 64, 3), np.uint8)
-    real = [{"hz": 12.5, "actions": rng.uniform(-1, 1, (8, 1)), "frames": frames}]
+    frames = rng.integers(0, 255, (22, 48, 64, 3), np.uint8)  # of the shortest that is tuned to
+    real = [{"hz": 12.5, "actions": rng.uniform(-1, 1, (21, 1)), "frames": frames}]
     found = simtune.check("cartpole", real=lambda i: real[i], episodes=1, image_size=32)
     assert found["recordings"]["episodes"] == 1
     assert "folder of arrays" in str(found)

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import struct
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -23,7 +24,7 @@ from simtune.errors import InputError
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.lerobot.features import _names
-from simtune.recordings.resample import step_actions, step_times
+from simtune.recordings.resample import step_actions, step_readings, step_times
 from simtune.recordings.source import Rows
 from simtune.recordings.steps import make_steps
 from simtune.trajectory import Trajectory
@@ -149,6 +150,8 @@ def test_names_as_cameras_and_loggers_give_them(tmp_path):
     (tmp_path / "pairs" / "GX01.mp4").rename(tmp_path / "pairs" / "GX01.MOV")
     assert_whole(open_dataset(tmp_path / "pairs", num_actions=3))
     assert RecordingsConfig(actions="grip, x").action_names == ("grip", "x")
+    assert RecordingsConfig(observe="front, joints").observed == ("front", "joints")
+    assert RecordingsConfig().observed is None
     (tmp_path / "pairs" / "GX01.mp4").touch()
     assert "GX01.mp4 and GX01.MOV have one name" in message(tmp_path / "pairs")
 
@@ -157,17 +160,22 @@ def test_names_as_cameras_and_loggers_give_them(tmp_path):
 MATRICES = {0: (1, 0, 0, 1), 90: (0, 1, -1, 0), 180: (-1, 0, 0, -1), 270: (0, -1, 1, 0)}
 
 
+def write_held(path: Path, picture: np.ndarray, matrix: Sequence[int]) -> None:
+    """A video whose track has this matrix."""
+    write_video(path, [picture] * 3, FPS, crf=0)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"tkhd") + 4 + 40
+    a, b, c, d = matrix
+    content[at : at + 36] = struct.pack(">9i", *np.multiply([a, b, 0, c, d, 0, 0, 0, 2**14], 2**16))
+    path.write_bytes(content)
+
+
 @pytest.mark.parametrize("turned", MATRICES)
 def test_a_phone_that_was_turned_films_upright_all_the_same(tmp_path, turned):
     picture = np.zeros((32, 64, 3), np.uint8)
     picture[:8, :16] = 250  # the upper left corner, as stored
     path = tmp_path / "swing.mp4"
-    write_video(path, [picture] * 3, FPS, crf=0)
-    content = bytearray(path.read_bytes())
-    at = content.index(b"tkhd") + 4 + 40
-    a, b, c, d = MATRICES[turned]
-    content[at : at + 36] = struct.pack(">9i", *np.multiply([a, b, 0, c, d, 0, 0, 0, 2**14], 2**16))
-    path.write_bytes(content)
+    write_held(path, picture, MATRICES[turned])
     _, shown = next(decode(path))
     expected = np.rot90(picture, -turned // 90)
     assert shown.shape == expected.shape
@@ -176,6 +184,25 @@ def test_a_phone_that_was_turned_films_upright_all_the_same(tmp_path, turned):
         assert "the picture is upright, 32×64" in message(
             tmp_path, cameras=[Footage(is_square=True)]
         )
+
+
+@pytest.mark.parametrize(
+    ("matrix", "mirrored"),
+    [
+        ((-1, 0, 0, 1), np.fliplr),
+        ((1, 0, 0, -1), np.flipud),
+        ((0, 1, 1, 0), lambda picture: picture.swapaxes(0, 1)),
+        ((0, -1, -1, 0), lambda picture: np.rot90(picture.swapaxes(0, 1), 2)),
+    ],
+)
+def test_a_camera_that_mirrors_is_shown_as_players_do(tmp_path, matrix, mirrored):
+    picture = np.zeros((32, 64, 3), np.uint8)
+    picture[:8, :16] = 250
+    write_held(tmp_path / "swing.mp4", picture, matrix)
+    _, shown = next(decode(tmp_path / "swing.mp4"))
+    expected = mirrored(picture)
+    assert shown.shape == expected.shape
+    assert np.abs(shown.astype(int) - expected).mean() < 4
 
 
 def write_of_pixels(path: Path, aspect: Fraction) -> None:
@@ -408,6 +435,48 @@ def test_typical_step():
     times_s = np.round(np.arange(100) / 30, 3)
     assert typical_step_s(times_s) == pytest.approx(1 / 30, rel=1e-4)
     assert typical_step_s(np.delete(times_s, [3, 50, 51])) == pytest.approx(1 / 30, rel=1e-4)
+
+
+@pytest.mark.parametrize(("num", "together"), [(60, 2), (201, 2), (200, 3), (60, 4)])
+def test_rows_in_bursts_come_as_often_as_there_are_of_them(num, together):
+    """Stamped as they arrived, 1 ms apart."""
+    rows = np.arange(num)
+    bursts_s = rows // together * together / 50 + rows % together / 1000
+    assert typical_step_s(bursts_s) == pytest.approx(1 / 50, rel=5e-3)
+
+
+def test_rows_that_a_radio_link_lets_through_now_and_then_are_counted():
+    passes_s = np.cumsum(np.random.default_rng(0).exponential(0.06, 300))
+    sent_s = np.arange(200) / 50
+    arrived_s = passes_s[np.searchsorted(passes_s, sent_s)] + sent_s / 50
+    assert typical_step_s(arrived_s) == pytest.approx(1 / 50, rel=0.05)
+
+
+def test_what_is_usual_of_changes_and_of_a_long_pause_is_what_is_between_them():
+    begin_s = np.cumsum(np.random.default_rng(0).exponential(1.2, 80) + 0.2)
+    moves_s = np.concatenate([start_s + np.arange(4) / 20 for start_s in begin_s])
+    assert typical_step_s(moves_s) < 0.1
+    paused_s = np.arange(100) / 20 + 30 * (np.arange(100) > 60)
+    assert typical_step_s(paused_s) == pytest.approx(1 / 20)
+    jitter_s = np.random.default_rng(0).uniform(-0.01, 0.01, 100)
+    assert typical_step_s(np.arange(100) / 20 + jitter_s) == pytest.approx(1 / 20, rel=0.05)
+
+
+@pytest.mark.parametrize("steps_hz", [50, 33])
+def test_an_encoder_slower_than_steps_is_read_between_its_readings(steps_hz):
+    """At every fourth of 100 rows a second, of which steps fall on others, or on none."""
+    rows_s = np.arange(200) / 100
+    found = np.full((200, 2), np.nan)
+    found[1::4] = np.cos(5 * rows_s[1::4, None])
+    found[81:94, 1] = np.nan  # four are missing
+    rows = Rows(np.zeros((200, 1)), rows_s, rows_s[-1], found)
+    grid_s = step_times(rows, 1 / steps_hz)
+    read = step_readings(rows, grid_s)
+    known = (grid_s > 0.005) & (grid_s < 1.975)
+    between = np.interp(grid_s[known], rows_s[1::4], found[1::4, 0])
+    np.testing.assert_allclose(read[known, 0], between)
+    is_gap = (grid_s > 0.771) & (grid_s < 0.9699)
+    np.testing.assert_array_equal(np.isnan(read[known, 1]), is_gap[known])
 
 
 def test_longer_steps_keep_the_impulse():

@@ -735,8 +735,10 @@ def test_timestamps_that_are_not_of_an_episodes_own_part_of_a_video(
 def test_short_episode(dataset: Path):
     edit_table(dataset / EPISODES, lambda rows: [rows[0], rows[1] | {"length": 1}, rows[2]])
     assert message(dataset) == (
-        "HERE: episode 1 has 1 row; expected at least 2, a frame before and a frame after an action"
+        "HERE: episode 1 has 1 row; expected at least 2, a frame before and a frame after an "
+        "action; delete the episode, or use only those before it (--real-episodes)"
     )
+    assert len(read_dataset(dataset, max_episodes=1).trajectories) == 1  # the others are sound
 
 
 def test_episodes_odd(dataset: Path):

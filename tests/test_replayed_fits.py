@@ -11,8 +11,8 @@ from servo_arm import write_arm
 from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
-from simtune.fit import Guess, Lateness, OpenLoopReplay, OutputError, Readings, ReplayStage
-from simtune.fit.readings.differences import Where, differentiate, refresh
+from simtune.fit import Guess, Lateness, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit.readings.differences import DifferencePoint, differentiate, refresh
 from simtune.fit.readings.slopes import Groups
 from simtune.observation import JointSensor, ObservationModel, finds_offset
 from simtune.simulation import Simulator
@@ -39,7 +39,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
     readings = Readings.of(experiment.recordings, loop.sensors)
     start, truth = space.to_unit(context.start), space.to_unit(space.from_dict(TRUTH))
-    fit = OutputError(loop, finds_offset(loop.sensors), start)
+    fit = OutputErrorMethod(loop, finds_offset(loop.sensors), start)
     return SimpleNamespace(
         loop=loop, readings=readings, fit=fit, start=start, truth=truth, step_s=0.05
     )
@@ -48,7 +48,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 def test_derivatives_of_many_unknowns_at_once_are_those_one_by_one(arm: SimpleNamespace):
     noise, zero = np.full(2, 0.002), np.zeros(2)
     stretches = arm.loop.cut(arm.readings, arm.truth, zero, 20, 4)
-    there = Where(
+    there = DifferencePoint(
         stretches, stretches.states, arm.truth, arm.loop.measured.start_std(noise, stretches.values)
     )
     near = there._replace(unit=arm.truth - 0.02)
@@ -68,13 +68,13 @@ def test_derivatives_of_many_unknowns_at_once_are_those_one_by_one(arm: SimpleNa
 def test_readings_that_no_unknown_explains_end_a_fit_without_an_error(arm: SimpleNamespace):
     """Such as degrees taken for radians: no derivative is worth an update."""
     in_degrees = Readings(arm.readings.actions, 57.3 * arm.readings.values)
-    stage, guess = ReplayStage(0, 3, 10**9), Guess(arm.start, np.zeros(2))
+    stage, guess = ReplayStage(3), Guess(arm.start, np.zeros(2))
     ended = arm.fit.descend(in_degrees, guess, stage, Budget())
-    where = ended.objective.where(ended.point)
-    begun = differentiate(arm.loop, where)
+    at = ended.objective.difference_point(ended.point)
+    begun = differentiate(arm.loop, at)
     groups = Groups.of(begun, np.full(2, 1e30))
     assert (groups.number == -1).all()
-    kept = refresh(arm.loop, where, begun, groups)
+    kept = refresh(arm.loop, at, begun, groups)
     np.testing.assert_array_equal(kept.by_parameter, begun.by_parameter)
     np.testing.assert_array_equal(kept.by_start, begun.by_start)
     np.testing.assert_array_equal(kept.predicted, begun.predicted)
@@ -135,7 +135,7 @@ def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
     fits = ReadingsFits(arm.fit, arm.readings, arm.step_s, ends, horizons, 0)
     ended = fits.grow(fits.begin(arm.start), Budget())
     # Readings have a noise of .002 rad
-    assert ended[0].cost < np.log(0.0026)
+    assert ended[0].log_rms < np.log(0.0026)
     assert np.abs(ended[0].unit - arm.truth).max() < 0.03
 
 
@@ -186,11 +186,13 @@ def test_an_unknown_offset_makes_a_servo_that_sags_uncertain(tmp_path):
     played = simulator.roll_out(worlds, commands, rng, seen.observe_beside())
     readings = Readings(commands, seen.readings(played.observed, rng)["encoders"] + 0.03)
     loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
-    fit = OutputError(loop, np.array([True]), task.parameters.to_unit(task.parameters.nominal))
+    fit = OutputErrorMethod(
+        loop, np.array([True]), task.parameters.to_unit(task.parameters.nominal)
+    )
     horizons = Horizons(growing=(Horizon(0.25, 1, 48), Horizon(1.0, 1, 24)))
     fits = ReadingsFits(fit, readings, 0.05, (np.zeros(2), np.ones(2)), horizons, 0)
     (ended,) = fits.grow(fits.begin(fit.prior), Budget())
-    ended = fit.descend(readings, ended.guess, ReplayStage(0, 15, 10**9), Budget())
+    ended = fit.descend(readings, ended.guess, ReplayStage(15), Budget())
     found = fit.judge(ended, Budget())
     error, std = found.unit - task.parameters.to_unit(truth), np.sqrt(np.diag(found.covariance))
     assert (np.abs(error) < 3 * std).all()
@@ -204,7 +206,7 @@ def test_horizons_of_equal_steps_may_differ_in_stretches(arm: SimpleNamespace):
     ends = (np.zeros(4), np.ones(4))
     fits = ReadingsFits(arm.fit, arm.readings, 0.1, ends, horizons, 0)
     ended = fits.grow(fits.begin(arm.start), Budget())
-    assert np.isfinite(ended[0].cost)
+    assert np.isfinite(ended[0].log_rms)
 
 
 class OneStepLate:
@@ -220,8 +222,8 @@ class OneStepLate:
         late = np.clip(1.0 - readings.late, -0.75, 0.75)
         unit = np.append(begin.unit[:-1], Lateness.unit(late))
         # What is left of the delay hardly counts: the servos' damping takes its place.
-        cost = 0.04 * abs(1.0 - readings.late - late)
-        return SimpleNamespace(unit=unit, guess=Guess(unit, begin.offsets), cost=cost)
+        log_rms = 0.04 * abs(1.0 - readings.late - late)
+        return SimpleNamespace(unit=unit, guess=Guess(unit, begin.offsets), log_rms=log_rms)
 
 
 def test_a_delay_of_a_step_is_not_left_to_a_lateness_that_ends_before():
@@ -242,23 +244,23 @@ def test_a_delay_of_a_step_is_not_left_to_a_lateness_that_ends_before():
 class Rough:
     """Descents of which no two to whole episodes end alike, but those to stretches do."""
 
-    def __init__(self, agreeing_steps: int, sensor: JointSensor):
+    def __init__(self, agreeing_steps: int | None, sensor: JointSensor):
         self.sensors, self.rng, self._steps = (sensor,), np.random.default_rng(0), agreeing_steps
-        self.stages: list[int] = []
+        self.stages: list[int | None] = []  # steps of each
 
     def descend(self, readings, begin, stage, budget, near=None) -> Any:
         self.stages.append(stage.steps)
-        cost = 0.0 if stage.steps == self._steps else float(self.rng.uniform(1, 9))
+        log_rms = 0.0 if stage.steps == self._steps else float(self.rng.uniform(1, 9))
         noise = np.full(1, 0.001)
-        return SimpleNamespace(unit=begin.unit, guess=begin, cost=cost, noise=noise)
+        return SimpleNamespace(unit=begin.unit, guess=begin, log_rms=log_rms, noise=noise)
 
 
 @pytest.mark.parametrize(
     ("agreeing_steps", "declared", "is_whole", "is_sure"),
-    [(40, 0.001, False, True), (0, 0.001, True, True), (40, None, True, False)],
+    [(40, 0.001, False, True), (None, 0.001, True, True), (40, None, True, False)],
 )
 def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
-    agreeing_steps: int, declared: float | None, is_whole: bool, is_sure: bool
+    agreeing_steps: int | None, declared: float | None, is_whole: bool, is_sure: bool
 ):
     sensor = JointSensor(
         name="encoder",
@@ -280,13 +282,13 @@ def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
     assert found.is_whole == is_whole
     assert found.is_sure == is_sure
     assert fit.stages[:3] == [8, 8, 8]  # a quarter of a second is no less than eight steps
-    assert fit.stages.count(0) == (4 if not is_whole else 2 if is_sure else Horizons().most_fits)
+    assert fit.stages.count(None) == (4 if not is_whole else 2 if is_sure else Horizons().most_fits)
 
 
-def test_twice_means_nearly_the_same_cost():
-    def costing(*costs: float) -> list[Any]:
-        return [SimpleNamespace(cost=cost) for cost in costs]
+def test_twice_means_nearly_the_same_residuals():
+    def leaving(*log_rms: float) -> list[Any]:
+        return [SimpleNamespace(log_rms=each) for each in log_rms]
 
-    assert two_agree(costing(-5.0, -2.0, -4.99))
-    assert not two_agree(costing(-5.0, -4.9))
-    assert not two_agree(costing(-5.0))
+    assert two_agree(leaving(-5.0, -2.0, -4.99))
+    assert not two_agree(leaving(-5.0, -4.9))
+    assert not two_agree(leaving(-5.0))

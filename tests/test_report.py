@@ -415,7 +415,7 @@ def test_report_says_how_far_off_each_moving_part_is_and_which_ends_farther(run_
     assert "how far off, before and after" not in _report(run_path)[0]
 
 
-def promise(run_path: Path, half: float, **changes) -> str:
+def page_of_check(run_path: Path, half: float, **changes) -> str:
     """The page of a run whose ball_mass check told to 2 %, and which came out ±`half` percent."""
 
     def say(result):
@@ -429,31 +429,31 @@ def promise(run_path: Path, half: float, **changes) -> str:
 
 
 def test_report_shows_what_check_said_beside_what_came_out(run_path):
-    assert "ball_mass ±2.00 % ±3.00 % 1.5 more episodes" in promise(run_path, 3)
-    assert "Why some" not in promise(run_path, 3)
-    said = promise(run_path, 20, verdict="does not show")
+    assert "ball_mass ±2.00 % ±3.00 % 1.5 more episodes" in page_of_check(run_path, 3)
+    assert "Why some" not in page_of_check(run_path, 3)
+    said = page_of_check(run_path, 20, verdict="does not show")
     assert "ball_mass ±2.00 % ±20.0 % 10.0 other motions: these hardly show it" in said
     assert "Why some are much wider: There was time for only 3 known worlds" in said
-    said = promise(run_path, 20, note="together with cup_r: see below")
+    said = page_of_check(run_path, 20, note="together with cup_r: see below")
     assert "motions that tell it from cup_r" in said
     _edit(run_path / "result.json", lambda r: r.update(stopped=TIME_IS_OVER))
-    assert "ball_mass ±2.00 % ±20.0 % 10.0 more minutes" in promise(run_path, 20)
+    assert "ball_mass ±2.00 % ±20.0 % 10.0 more minutes" in page_of_check(run_path, 20)
     sensors = {"keypoints": {"unit": "px", "distance": 0.9, "known_worlds": [0.3, 0.2, 0.4]}}
     held = {"episode": 8, "passed": False, "sensors": sensors}
     _edit(run_path / "result.json", lambda r: r.update(held_out=held))
-    said = promise(run_path, 20)
+    said = page_of_check(run_path, 20)
     assert "first find what the model lacks" in said
     assert "3.0 times as far off as known worlds" in said
     facts = {"held_out": {}, "recordings": {"folder": "mine"}}
     wide = {"interval_share": 0.3, "verdict": "weak"}
     _edit(run_path / "result.json", lambda r: r.update(facts))
     _edit(run_path / "result.json", lambda r: r["parameters"]["cup_r"].update(wide))
-    assert "cup_r seen in pictures – – a known colour" in promise(run_path, 1)
-    said = promise(run_path, 1)
+    assert "cup_r seen in pictures – – a known colour" in page_of_check(run_path, 1)
+    said = page_of_check(run_path, 1)
     assert "Expected by check" in said
     assert "half of a 90 % interval is 1.64 of them. Less than 1 is narrower than check" in said
     assert "or this interval is too narrow" in said
-    assert "Less than 1" not in promise(run_path, 2)
+    assert "Less than 1" not in page_of_check(run_path, 2)
     _edit(run_path / "result.json", lambda r: r.update(check={"ball_mass": 3}))
     assert "What could be told" not in _report(run_path)[1].text
 
@@ -765,11 +765,23 @@ def test_report_shows_joints_over_time_and_what_is_left(readings_run):
     assert page.text.count("Joints") == 1
     for words in ("200 mrad", "5.12 mrad", "-12.3 mrad", "0.750 rad", "arm: state.elbow"):
         assert words in page.text
+    assert "5.12 mrad left of 200 mrad in all episodes" in page.text
+    assert "Only the plots are of the first episode" in page.text
     assert page.count("svg") == 2 * len(PARAMETERS) + 2 + 4
     lines = html.count("class='measured'") - 1  # but for the legend's
     assert lines == 2 * 2  # each in two parts, around what was not read
     assert html.count("class='after'") == 4 * 2
     assert len(html) < 500_000
+
+
+def test_an_interval_wider_than_the_first_range_covers_over_100_percent(readings_run):
+    def widen(result):
+        result["parameters"]["ball_mass"]["interval_share"] = 1.99
+
+    _edit(readings_run / "result.json", widen)
+    _, page = _report(readings_run)
+    assert "> 100 %" in page.text
+    assert "199 %" not in page.text
 
 
 def test_report_of_readings_alone_speaks_of_no_videos(readings_run):

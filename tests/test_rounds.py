@@ -27,7 +27,7 @@ from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.fit_stage import FitStage
-from simtune.tuning.judging import Judging
+from simtune.tuning.judging import Fitted, Judging
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -111,9 +111,9 @@ def rounds_until_stop(
 
     def judged_so(self, *given):
         if not found:
-            found.extend(judge(self, *given))
-        estimate, curves = found
-        return replace(estimate, verdict=[verdict] * len(SPACE)), curves
+            found.append(judge(self, *given))
+        (judged,) = found
+        return judged._replace(estimate=replace(judged.estimate, verdict=[verdict] * len(SPACE)))
 
     monkeypatch.setattr(Judging, "judge", judged_so)
     monkeypatch.setattr(
@@ -257,13 +257,12 @@ def test_a_fit_is_done_again_only_if_that_leaves_time_to_judge_it(left_s, is_fil
     )
     judging = SimpleNamespace(
         start=PointEstimate(np.zeros(2), np.array([0.3, 0.4])),
-        stage=(stage := LateStage("measured first")),
         learning=SimpleNamespace(film_near=film_near),
+        _finds_latency=True,
         learned=SimpleNamespace(detected=()),
     )
-    left = Judging._fit_again(cast(Judging, judging), found, 20.0, True, Budget(left_s))
-    assert left is found
-    assert judging.stage is stage
+    fitted = Fitted(found, LateStage("measured first"), 20.0)
+    assert Judging._fit_again(cast(Judging, judging), fitted, Budget(left_s)) is fitted
     assert filmed == [[0.3, 0.02]] * is_filmed
 
 
@@ -278,7 +277,7 @@ def test_a_fit_is_done_again_only_if_that_leaves_time_to_judge_it(left_s, is_fil
 )
 def test_known_worlds_are_filmed_in_time_as_well(picture_s, left_s, refits):
     judging = cast(Judging, SimpleNamespace(config=SEARCH, picture_s=picture_s))
-    assert Judging._refits(judging, (5, 99), Budget(left_s), 20.0) == refits
+    assert Judging._plan_refits(judging, (5, 99), 20.0, Budget(left_s)) == refits
 
 
 # --- how long a round takes ---------------------------------------------------------------
@@ -299,7 +298,8 @@ SEARCH = PosteriorSearchConfig(
     posterior_updates=250,
     state_updates=100,
     least_updates=150,
-    num_refits=(5, 8),
+    planned_refits=5,
+    most_refits=8,
     fit=FIT,
 )
 PACE = Pace(step_s=1e-3, frame_s=0.01, detect_s=0.02, update_s=0.1)

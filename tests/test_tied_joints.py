@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simtune.fit import OpenLoopReplay, Readings
-from simtune.fit.readings.differences import Where, differentiate
+from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.stretches import Stretches
 from simtune.fit.readings.tied_joints import follow_measured
 from simtune.observation import ObservationModel
@@ -124,7 +124,7 @@ def test_an_initial_state_moves_both_fingers(read):
     coasting = GRIPPER.format("0 1").replace('kp="20" kv="2"', 'kp="0"')
     loop, unit = read(coasting)
     whole = stretches_of(loop, unit)
-    slopes = differentiate(loop, Where(whole, whole.states, unit, np.ones(2)))
+    slopes = differentiate(loop, DifferencePoint(whole, whole.states, unit, np.ones(2)))
     np.testing.assert_allclose(slopes.by_start[0, 0], 1.0, atol=1e-3)
     moved = loop.measured.moved(whole.states, np.array([[0.01, 0.2]]), np.ones(2))
     np.testing.assert_allclose(moved[0, :2], [OPEN + 0.01, OPEN], atol=1e-9)

@@ -55,7 +55,7 @@ def test_pictures_show_what_their_keypoints_and_parameters_say(played):
 def test_a_sampler_draws_so_many_pictures_for_each_world():
     context = context_of(CARTPOLE.simulator(image_size=SIZE))
     real = record_episodes(CARTPOLE.simulator(image_size=SIZE), 3)
-    worlds, pictures = WorldSampler(context).draw(real, FIRST, (130, 2), 3, Budget())
+    worlds, pictures = WorldSampler(context).play_and_draw(real, FIRST, 130, 2, 3, Budget())
     assert len(worlds.parameters) == 130
     assert pictures.frames.shape == (390, SIZE, SIZE, 3)
     assert pictures.keypoints.shape == (390, len(context.keypoints), 2)

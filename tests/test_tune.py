@@ -16,8 +16,8 @@ from other_keypoints import find_others
 from servo import cartpole_with_servo
 
 from simtune import tuning, tuning_run
-from simtune.before_after import videos
-from simtune.before_after.videos import StartSearchConfig
+from simtune.before_after import start_search, videos
+from simtune.before_after.start_search import StartSearchConfig
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment import outcome
@@ -38,7 +38,7 @@ from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import NUM_DRAWS
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.search import Event, Needed, Round
+from simtune.tuning.search import Event, Round, TimeNeeded
 from simtune.tuning_run import tune
 
 TASK = load_task("cartpole")
@@ -360,9 +360,9 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
     def begin(*given):
         raise Begun
 
-    def measure(search, real) -> Needed:
+    def measure(search, real) -> TimeNeeded:
         now_s[0] += 12.0  # that measuring takes
-        return Needed(100.0, 300.0, mostly="Simulating takes 90 % of that")
+        return TimeNeeded(100.0, 300.0, mostly="Simulating takes 90 % of that")
 
     now_s = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])
@@ -393,7 +393,7 @@ def test_what_a_robot_takes_to_film_is_no_part_of_the_budget(
 ):
     def build(*_) -> SimpleNamespace:
         now_s[0] += 300.0  # to film, or to read recordings
-        search = SimpleNamespace(measure_time=lambda real: Needed(0.0, 0.0))
+        search = SimpleNamespace(measure_time=lambda real: TimeNeeded(0.0, 0.0))
         return SimpleNamespace(search=search, recordings=[], warnings=lambda recordings: [])
 
     now_s, at_the_end_s = [0.0], 30.0
@@ -405,9 +405,9 @@ def test_what_a_robot_takes_to_film_is_no_part_of_the_budget(
 
 
 def test_a_time_too_short_for_a_search_that_cannot_tell_names_no_round():
-    tuning_run._refuse_if_too_short(0.4, 20.0, Needed(0.0, 0.0))
+    tuning_run._refuse_if_too_short(0.4, 20.0, TimeNeeded(0.0, 0.0))
     with pytest.raises(InputError) as refused:
-        tuning_run._refuse_if_too_short(0.3, 20.0, Needed(0.0, 0.0))
+        tuning_run._refuse_if_too_short(0.3, 20.0, TimeNeeded(0.0, 0.0))
     assert str(refused.value) == (
         "--budget-minutes 0.3 is too short: nothing can be searched in that time, as the run takes "
         "about 20 s beside the search; give more"
@@ -632,7 +632,7 @@ def test_the_start_of_an_episode_is_found_in_its_pictures(one_renderer_each):
         frames = simulator.render(starts, np.tile(parameters, (len(starts), 1)))
         return np.square(frames.astype(float) - trajectory.frames[0]).mean((1, 2, 3))
 
-    found = videos.find_start(simulator, trajectory, parameters, rng, config=config)
+    found = start_search.find_start(simulator, trajectory, parameters, rng, config=config)
     actions = np.zeros((64, 1, simulator.num_actions))
     others = simulator.roll_out(np.tile(parameters, (64, 1)), actions, rng).states[:, 0]
     assert distance(found[None])[0] < 0.1 * np.median(distance(others))
@@ -649,7 +649,9 @@ def test_what_a_servo_remembers_goes_with_the_start_that_is_found():
     real = Trajectory(
         np.full((5, 40, 40, 3), 90, np.uint8), np.full((4, 1), 0.5, np.float32), simulator.step_s
     )
-    start = videos.find_start(simulator, real, SPACE.nominal, np.random.default_rng(0), config)
+    start = start_search.find_start(
+        simulator, real, SPACE.nominal, np.random.default_rng(0), config
+    )
     (act,) = start[simulator.state_space.remembered]
     gear = simulator.model.actuator_gear[0, 0]
     assert act == pytest.approx(gear * (start[1] + 0.3 * 0.5))
@@ -677,7 +679,7 @@ def test_films_begin_where_the_fit_found_the_start_or_else_where_one_is_found(
     estimate = Estimate(parameters, SPACE.low, SPACE.high, ["weak"] * len(SPACE), {})
     for start, is_there in ((began[0].tolist(), True), (None, False)):
         found = dataclasses.replace(estimate, start=start)
-        late, at = videos.episode_and_start(simulator, film, found, 0, config)
+        late, at = start_search.episode_and_start(simulator, film, found, 0, config)
         videos.write_videos(tmp_path, simulator, late, at, (parameters, parameters))
         one, other = filmed[-2:]  # before and after
         np.testing.assert_array_equal(one, other)
@@ -717,7 +719,7 @@ def test_a_start_is_searched_for_no_longer_than_is_said(monkeypatch, one_rendere
         filmed.clear()
         config = StartSearchConfig(num_starts=256, seconds=seconds)
         rng = np.random.default_rng(0)
-        videos.find_start(simulator, real, SPACE.nominal, rng, config)
+        start_search.find_start(simulator, real, SPACE.nominal, rng, config)
         assert len(filmed) == batches
 
 

@@ -11,16 +11,24 @@ import pytest
 from scipy.special import ndtri, stdtrit
 from servo_arm import HEAD, TUNE, write_arm
 
-from simtune.before_after.readings import Tuned, replay
+from simtune.before_after.readings import Replayed, Tuned, replay
 from simtune.budget import Budget
 from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
-from simtune.evaluation.replay import _late
+from simtune.evaluation.replay import _late, better_in
+from simtune.evaluation.table import table
 from simtune.experiment.experiment import Experiment, build_experiment
-from simtune.fit import Guess, OpenLoopReplay, OutputError, OutputErrorFit, Readings, ReplayStage
+from simtune.fit import (
+    Guess,
+    OpenLoopReplay,
+    OutputErrorFit,
+    OutputErrorMethod,
+    Readings,
+    ReplayStage,
+)
 from simtune.fit.elimination import NormalEquations
-from simtune.fit.readings.differences import Where, differentiate
+from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, dynamics
@@ -32,7 +40,7 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings import ReadingsSearch
 from simtune.tuning.readings_fits import BestDescent
-from simtune.tuning.readings_verdict import _along_sums, conclude
+from simtune.tuning.readings_verdict import ReadingsFit, _along_sums, conclude
 from simtune.tuning_run import tune
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
@@ -117,7 +125,7 @@ def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path
     of_kv, of_damping = names.index("shoulder_kv"), names.index("damping")
     share = context.start[of_kv] / context.start[of_damping]  # both scales are logarithmic
 
-    slopes = differentiate(loop, Where(stretches, stretches.states, unit, start_std))
+    slopes = differentiate(loop, DifferencePoint(stretches, stretches.states, unit, start_std))
     kv, damping = (slopes.by_parameter[:, i] for i in (of_kv, of_damping))
     # One force: one-sided differences are 2 % apart
     assert np.abs(kv - share * damping).max() < 3e-4 * np.abs(kv).max()
@@ -162,8 +170,8 @@ def test_a_single_episode_is_as_unsure_as_leaving_out_its_parts_shows(
     readings = Readings.of([first], loop.sensors)
     readings.values[:] = np.concatenate([begun.observed, ended.observed[:, 1:]], 1)
     readings.values[:] += 0.002 * rng.normal(size=readings.values.shape)
-    fit = OutputError(loop, np.zeros(2, bool), experiment.space.to_unit(context.start))
-    stage = ReplayStage(0, 30, 9)
+    fit = OutputErrorMethod(loop, np.zeros(2, bool), experiment.space.to_unit(context.start))
+    stage = ReplayStage(30)
     whole = fit.descend(readings, Guess(fit.prior, np.zeros(2)), stage, Budget())
     moved = []
     for part in np.array_split(np.arange(61), 5):
@@ -256,6 +264,7 @@ def test_recordings_are_tuned_to_and_others_replayed(arm: Path, truth: Path, tmp
         its = score["sensors"][joint]
         assert its["unit"] == "rad"
         assert its["rms"] < 0.006 < its["rms_before"]
+        assert its["better_in"] == 3
     assert (run / "replay.json").is_file()
     assert (run / "posterior.npz").is_file()
     assert not (run / "videos" / "real.mp4").exists()
@@ -305,15 +314,38 @@ def test_what_servos_really_are_is_found_within_five_per_cent(tmp_path: Path):
 
 
 def test_an_episode_too_short_to_be_fitted_is_named():
-    episodes = cast(list[Trajectory], [np.empty(20), np.empty(5), np.empty(20)])
-    with pytest.raises(InputError, match="at least 8 steps; episode 1, counted from 0, has 5"):
-        ReadingsSearch.check(cast(ReadingsSearch, None), episodes)
+    blank, name = np.zeros((21, 0, 0, 3), np.uint8), "at least 8 steps; episode 1, counted from 0, "
+    whole = Trajectory(blank, np.zeros((20, 1), np.float32), 0.1)
+    search, short = cast(ReadingsSearch, None), whole.first(5)
+    with pytest.raises(InputError, match=name + "has 5"):
+        ReadingsSearch.check(search, [whole, short, whole])
+    with pytest.raises(InputError, match="at least 8 steps; swing3 has 5"):
+        ReadingsSearch.check(search, [whole, replace(short, name="swing3")])
 
 
 def test_a_run_without_readings_cannot_be_replayed(tmp_path: Path):
     (tmp_path / "config.json").write_text('{"config": {"task": "cartpole"}}')
     with pytest.raises(InputError, match=r"no joint readings to replay: .*\[\[sensors\]\]"):
         evaluate(EvaluateConfig(run_folder=tmp_path, real=tmp_path))
+
+
+def test_a_replay_that_tuning_made_worse_is_said_to_be():
+    better = {"unit": "rad", "rms_before": 0.2, "rms": 0.1, "better_in": 2}
+    worse = {"unit": "rad", "rms_before": 0.1, "rms": 0.15, "better_in": 0}
+    said = table({"sensors": {"hip": better, "knee": worse}, "episodes": 2})
+    assert said[2].split() == ["hip", "0.2", "rad", "0.1", "rad", "-50", "%", "2", "of", "2"]
+    assert said[-1].startswith("warning: after tuning, knee is further off than before")
+    alone = table({"sensors": {"hip": better}, "episodes": 2})
+    assert not any("warning" in line for line in alone)
+
+
+def test_episodes_are_counted_in_which_less_is_left_after_tuning():
+    measured = np.zeros((3, 4, 1))
+    before, after = np.full_like(measured, 0.2), np.full_like(measured, 0.1)
+    after[2] = 0.3
+    measured[:, 1] = before[:, 1] = after[:, 1] = np.nan  # nothing was read
+    replayed = Replayed(("knee",), ("rad",), np.zeros(1), 0.05, measured, before, after)
+    assert better_in(replayed) == {"knee": 2}
 
 
 def test_a_run_without_its_task_cannot_be_replayed(tmp_path: Path):
@@ -455,6 +487,17 @@ def concluded(
     noise: float = 0.001,
 ) -> Estimate:
     """From a fit in the middle of all ranges."""
+    return fit_of(experiment, covariance, apart, observation, noise).estimate
+
+
+def fit_of(
+    experiment: Experiment,
+    covariance: np.ndarray,
+    apart: np.ndarray,
+    observation: ObservationModel | None = None,
+    noise: float = 0.001,
+    unseen: tuple[str, ...] = (),
+) -> ReadingsFit:
     observation = observation or as_recorded(experiment)
     facts = {"covariance": covariance, "unit": np.full(len(apart), 0.5), "late_steps": (0.0, 0.0)}
     facts |= {"offsets": np.zeros(2), "noise": np.full(2, noise), "start": np.zeros(1)}
@@ -462,7 +505,7 @@ def concluded(
     judged = cast(OutputErrorFit, SimpleNamespace(**facts))
     found = cast(BestDescent, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
     first = Distribution.first(experiment.space, experiment.space.nominal)
-    return conclude(judged, found, first, observation, 0, 0.05)[0]
+    return conclude(judged, found, first, observation, 0, 0.05, unseen)
 
 
 def test_what_readings_show_that_no_setting_explains_is_not_called_identified(tmp_path: Path):
@@ -512,6 +555,17 @@ def test_what_is_far_off_is_told_also_where_no_noise_is_declared(truth: Path, tm
             ]
             assert len(told) == len(expected)
             assert all(said in warning for warning in told)
+
+
+def test_readings_of_a_robot_that_begins_unseen_identify_nothing(truth: Path, tmp_path: Path):
+    experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
+    known = 1e-4 * np.eye(num), np.zeros(num)
+    seen, unseen = (fit_of(experiment, *known, unseen=names) for names in ((), ("torso",)))
+    assert (seen.is_trusted, unseen.is_trusted) == (True, False)
+    assert (seen.estimate.verdict, seen.estimate.warnings) == (["identified"] * num, [])
+    assert unseen.estimate.verdict == ["weak"] * num
+    (warning,) = unseen.estimate.warnings
+    assert warning.startswith("Where torso begins no sensor measures")
 
 
 def test_of_two_that_act_as_one_neither_is_known(truth: Path, tmp_path: Path):

@@ -5,9 +5,11 @@ import pytest
 
 from simtune.api.arrays import write_arrays
 from simtune.config import TuneConfig
+from simtune.errors import InputError
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import read_episode
 from simtune.real.turnings import turnings_of
+from simtune.recordings import open_dataset
 from simtune.recordings.turning import Turning, commands_counted_on
 
 SCENE = """
@@ -88,3 +90,14 @@ def test_without_readings_commands_are_counted_on_in_time():
     counted = commands_counted_on(wrapped(true), np.empty((60, 0)), [Turning(0, 360.0)])
     np.testing.assert_allclose(counted, true)
     np.testing.assert_array_equal(commands_counted_on(wrapped(true), true, []), wrapped(true))
+
+
+def test_fewer_numbers_than_joints_are_refused_by_name(tmp_path):
+    """Of two joints, the second of which is endless."""
+    np.savez(tmp_path / "turns.npz", hz=50, actions=np.zeros((9, 1)), wheel=np.zeros(9))
+    turnings, asked = [Turning(0, 360.0, 1)], {"encoder": ["wheel"]}
+    dataset = open_dataset(tmp_path, cameras=(), readings=asked, turnings=turnings)
+    with pytest.raises(InputError, match="wheel holds 1 numbers, sensor encoder has 2 joints"):
+        dataset.read(0, {"encoder": np.array([np.inf, 360.0])})
+    with pytest.raises(InputError, match="wheel: 1 number, fewer than the sensors have joints"):
+        dataset.skim(0)

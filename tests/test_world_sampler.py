@@ -48,7 +48,9 @@ def without(rollouts: Rollouts, dropped: list[int]) -> Rollouts:
 
 
 def test_simulated_worlds_replay_the_real_actions(simulator, real):
-    worlds, pictures = WorldSampler(context_of(simulator)).draw(real, FIRST, (16, 2), 4, Budget())
+    worlds, pictures = WorldSampler(context_of(simulator)).play_and_draw(
+        real, FIRST, 16, 2, 4, Budget()
+    )
     assert worlds.actions.shape == (16, 2, STEPS, 1)
     assert worlds.keypoints.shape[:3] == (16, 2, STEPS + 1)
     assert pictures.frames.shape == (64, SIZE, SIZE, 3)
@@ -69,7 +71,7 @@ def test_simulated_worlds_replay_the_real_actions(simulator, real):
 def test_simulated_worlds_are_cut_to_the_shortest_real_episode(simulator, real):
     shorter = Trajectory(real[1].frames[:-2], real[1].actions[:-2], real[1].step_s)
     sampler = WorldSampler(context_of(simulator))
-    worlds = sampler.play([real[0], shorter], FIRST, (4, 2), Budget())
+    worlds = sampler.play([real[0], shorter], FIRST, 4, 2, Budget())
     assert worlds.actions.shape[1:3] == (2, STEPS - 2)
 
 
@@ -104,7 +106,7 @@ def test_worlds_are_sampled_64_at_a_time_until_the_time_is_over(monkeypatch, sim
     chunk_s = 64 * (1e-3 * 2 * STEPS + 3e-3 * 4)
 
     def sample(num_worlds: int, seconds: float) -> int:
-        return len(sampler.draw(real, FIRST, (num_worlds, 2), 4, Budget(seconds))[0].actions)
+        return len(sampler.play_and_draw(real, FIRST, num_worlds, 2, 4, Budget(seconds))[0].actions)
 
     assert sample(256, 1.9 * chunk_s) == 64, "more would end too late"
     assert sample(256, 2.1 * chunk_s) == 128
@@ -117,7 +119,9 @@ def test_worlds_are_sampled_64_at_a_time_until_the_time_is_over(monkeypatch, sim
 
 def test_worlds_of_several_chunks_are_all_there_and_each_is_whole(monkeypatch, simulator, real):
     rollouts = watch_rollouts(monkeypatch, simulator)
-    worlds, pictures = WorldSampler(context_of(simulator)).draw(real, FIRST, (130, 2), 4, Budget())
+    worlds, pictures = WorldSampler(context_of(simulator)).play_and_draw(
+        real, FIRST, 130, 2, 4, Budget()
+    )
     assert [len(played) for played in rollouts] == [2 * 64, 2 * 66]
     for name, array in vars(worlds).items():
         if name != "readings":
@@ -160,7 +164,7 @@ def test_worlds_of_which_an_episode_diverged_are_left_out(monkeypatch, simulator
     rollouts = watch_rollouts(
         monkeypatch, simulator, lambda played: without(played, [0, 7, 10, 11, 31])
     )
-    worlds = sampler.play(real, FIRST, (16, 2), Budget())
+    worlds = sampler.play(real, FIRST, 16, 2, Budget())
     (whole,) = rollouts
     left = [w for w in range(16) if w not in (0, 3, 5, 15)]
     np.testing.assert_array_equal(worlds.parameters, whole.parameters[::2][left])
@@ -174,7 +178,7 @@ def test_sampling_says_so_when_all_worlds_diverge(monkeypatch, simulator, real):
     sampler = WorldSampler(context_of(simulator))
     watch_rollouts(monkeypatch, simulator, lambda played: without(played, list(range(32))))
     with pytest.raises(RuntimeError, match="diverged"):
-        sampler.play(real, FIRST, (16, 2), Budget())
+        sampler.play(real, FIRST, 16, 2, Budget())
 
 
 def test_whole_sets_by_hand():

@@ -23,7 +23,8 @@ TINY_SEARCH = PosteriorSearchConfig(
     posterior_updates=5,
     state_updates=4,
     least_updates=2,
-    num_refits=(1, 1),
+    planned_refits=1,
+    most_refits=1,
     fit=FitConfig(
         particles=ParticleConfig(num=8, steps=4),
         shooting=ShootingConfig(

@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from baselines import Found, Problem
-from simtune.before_after.videos import find_start
+from simtune.before_after.start_search import find_start
 from simtune.simulation import Rollouts
 
 _PHASES = 3

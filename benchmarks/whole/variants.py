@@ -36,7 +36,7 @@ def _make_quick() -> None:
     from common import QUICK
 
     import simtune.tuning_run
-    from simtune.before_after.videos import StartSearchConfig
+    from simtune.before_after.start_search import StartSearchConfig
     from simtune.experiment.settings import Settings
 
     comparison = StartSearchConfig(num_starts=16, rounds=2)

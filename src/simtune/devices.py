@@ -2,7 +2,7 @@
 
 import torch
 
-from simtune.config.checks import check_device
+from simtune.config.option_checks import check_device
 from simtune.errors import InputError
 
 

@@ -6,7 +6,7 @@ import time
 from typing import Any
 
 from simtune.budget import Budget
-from simtune.checking.promise import promises
+from simtune.checking.expected_precision import expected_precision
 from simtune.config import ROBOTS, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import Experiment, build_experiment
@@ -16,7 +16,7 @@ from simtune.progress import ReportProgress, silent
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.kept import kept_state
 from simtune.tasks import AnyTask
-from simtune.tuning.search import Callbacks, Needed
+from simtune.tuning.search import Callbacks, TimeNeeded
 
 log = logging.getLogger(__name__)
 # Time for videos and the report: as long as the start took, within these bounds. A busy machine
@@ -59,7 +59,7 @@ def tune(
         other_s = time.monotonic() - started_s + ending_s
         _refuse_if_too_short(config.budget_minutes, other_s, needed)
     may_check = needed.check_s < _CHECK_SHARE * 60 * config.budget_minutes
-    promised, doubts = _promised(experiment) if may_check else ({}, [])
+    expected, doubts = _expected_precision(experiment) if may_check else ({}, [])
     _warn(doubts)
     warnings += doubts
     before_run_s = time.monotonic() - started_s
@@ -71,13 +71,13 @@ def tune(
         spent_s = before_run_s + run.wall_s + ending_s
         budget = Budget(60 * config.budget_minutes - spent_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
-            _go_on(run, budget)
+            _run_round(run, budget)
         stopped = {"stopped": search.stop_reason or TIME_IS_OVER}
-        return run.finish(real, stopped | promised, warnings, command)
+        return run.finish(real, stopped | expected, warnings, command)
 
 
-def _go_on(run: Run, budget: Budget) -> None:
-    """One round of the search, logged and saved."""
+def _run_round(run: Run, budget: Budget) -> None:
+    """Run one round of the search; log and save it."""
     experiment, began_s = run.experiment, time.monotonic()
     real, callbacks = experiment.recordings, Callbacks(run.log_early, run.save_within)
     found = experiment.search.run_round(real, budget, callbacks)
@@ -93,16 +93,16 @@ def _warn(warnings: list[str]) -> None:
         log.warning("%s", warning)
 
 
-def _promised(experiment: Experiment) -> tuple[dict[str, Any], list[str]]:
+def _expected_precision(experiment: Experiment) -> tuple[dict[str, Any], list[str]]:
     """What `simtune check` would say of these episodes, for result.json, and its warnings."""
     if experiment.search_name != "posterior":  # others give no intervals
         return {}, []
     simulator, seen = experiment.simulator, experiment.context.observation
-    found = promises(simulator, seen, experiment.recordings, experiment.config.seed)
+    found = expected_precision(simulator, seen, experiment.recordings, experiment.config.seed)
     return {"check": found.parameters}, found.warnings
 
 
-def _refuse_if_too_short(minutes: float, other_s: float, needed: Needed) -> None:
+def _refuse_if_too_short(minutes: float, other_s: float, needed: TimeNeeded) -> None:
     """Raises InputError for a time too short for a sound answer.
 
     `other_s`: time for all but rounds.

@@ -97,13 +97,24 @@ def _arrays(i: int, episode: Episode) -> dict[str, Any]:
     arrays = dict[str, Any]()
     for key, value in episode.items():
         with blame(f"real[{i}]: expected {key} as an array, its rows of one length"):
-            arrays[key] = np.asarray(value)
+            arrays[key] = _texts(value) if key == "action_names" else np.asarray(value)
     if wrong := [key for key, array in arrays.items() if array.dtype.kind not in "fiuU"]:
         got = in_words(arrays[wrong[0]])
-        raise InputError(f"real[{i}]: expected {wrong[0]} as numbers, got {got}")
+        wanted = "texts" if wrong[0] == "action_names" else "numbers"
+        raise InputError(f"real[{i}]: expected {wrong[0]} as {wanted}, got {got}")
     check_episode(f"real[{i}]", arrays)
     _check_rows(i, arrays)
     return arrays
+
+
+def _texts(names: ArrayLike) -> np.ndarray:
+    """Names as texts; those of a pandas table's columns, for example, are Python objects."""
+    array = np.asarray(names)
+    if array.dtype.kind not in "OS":
+        return array
+    texts = [name.decode() if isinstance(name, bytes) else name for name in array.flat]
+    are_texts = all(isinstance(name, str) for name in texts)
+    return np.array(texts, str).reshape(array.shape) if are_texts else array
 
 
 def _check_rows(i: int, arrays: dict[str, Any]) -> None:

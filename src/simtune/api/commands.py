@@ -15,7 +15,7 @@ from typing import Any
 
 from simtune.algorithm import train as carry_out_training
 from simtune.api.arrays import RealLike
-from simtune.api.asked import config_of_check, config_of_run
+from simtune.api.configs import config_of_check, config_of_run
 from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
 from simtune.api.spelling import in_python

@@ -8,7 +8,7 @@ from simtune.errors import UnknownName
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class ParameterEstimate:
     """A run's estimate of one parameter; all numbers are in its unit."""
 
     name: str
@@ -24,19 +24,19 @@ class Estimate:
     percent_error: float | None
 
     @classmethod
-    def read(cls, name: str, facts: Mapping[str, Any]) -> "Estimate":
+    def read(cls, name: str, facts: Mapping[str, Any]) -> "ParameterEstimate":
         """From a parameter's facts in result.json; missing ones become None."""
         names = [field.name for field in fields(cls)]
         known: dict[str, Any] = dict.fromkeys(names) | {**facts, "name": name}
         return cls(**{key: known[key] for key in names})
 
 
-class Estimates(dict[str, Estimate]):
+class ParameterEstimates(dict[str, ParameterEstimate]):
     """{name: estimate} of a run; the KeyError of another name says what there is."""
 
     def __init__(self, parameters: Mapping[str, Mapping[str, Any]], run: str):
-        super().__init__({name: Estimate.read(name, p) for name, p in parameters.items()})
+        super().__init__({name: ParameterEstimate.read(name, p) for name, p in parameters.items()})
         self._run = run
 
-    def __missing__(self, name: str) -> Estimate:
+    def __missing__(self, name: str) -> ParameterEstimate:
         raise KeyError(str(UnknownName("parameter", name, self._run, self)))

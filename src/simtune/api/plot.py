@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simtune.api.estimate import Estimate
+from simtune.api.estimate import ParameterEstimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ _ROW_INCHES, _PANEL_INCHES, _ACROSS = 0.3, 2.2, 4
 
 
 def plot_estimates(
-    estimates: Sequence[Estimate],
+    estimates: Sequence[ParameterEstimate],
     coordinates: Mapping[str, Mapping[str, Any]],
     title: str,
     ax: "Axes | None",
@@ -37,7 +37,7 @@ def plot_estimates(
 
 
 def plot_curves(
-    estimates: Sequence[Estimate], curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    estimates: Sequence[ParameterEstimate], curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
 ) -> "Figure":
     """`curves`: candidates (C,) and P(truth > candidate) (C,) of each parameter, by name."""
     rows = -(-len(estimates) // _ACROSS)
@@ -54,7 +54,7 @@ def plot_curves(
     return figure
 
 
-def plot_pairs(estimates: Sequence[Estimate], draws: Mapping[str, np.ndarray]) -> "Figure":
+def plot_pairs(estimates: Sequence[ParameterEstimate], draws: Mapping[str, np.ndarray]) -> "Figure":
     """`draws`: (S,) draws of the joint posterior for each parameter, by name."""
     last = len(estimates) - 1
     figure, axes = _grid(len(estimates), len(estimates), sharex="col")
@@ -76,7 +76,9 @@ def plot_pairs(estimates: Sequence[Estimate], draws: Mapping[str, np.ndarray]) -
     return figure
 
 
-def _draw_row(ax: "Axes", row: int, estimate: Estimate, coordinate: Mapping[str, Any]) -> None:
+def _draw_row(
+    ax: "Axes", row: int, estimate: ParameterEstimate, coordinate: Mapping[str, Any]
+) -> None:
     values = (estimate.low, estimate.mean, estimate.high, estimate.initial)
     low, mean, high, initial = (_unit(coordinate, value) for value in values)
     colour = _COLOURS.get(estimate.verdict, "tab:gray")

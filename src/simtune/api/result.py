@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from simtune.api import table
-from simtune.api.estimate import Estimate, Estimates
+from simtune.api.estimate import ParameterEstimate, ParameterEstimates
 from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
 from simtune.api.policy import Policy
 from simtune.api.spelling import in_python
@@ -22,7 +22,7 @@ from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
 from simtune.names import ExportFormat
 from simtune.report.data import RunData
-from simtune.report.words import between
+from simtune.report.words import interval_label
 from simtune.tasks import with_model
 
 if TYPE_CHECKING:
@@ -71,9 +71,9 @@ class Result:
         return list(self.content.get("warnings", ()))
 
     @cached_property
-    def parameters(self) -> dict[str, Estimate]:
+    def parameters(self) -> dict[str, ParameterEstimate]:
         """{name: estimate}, in the order of arrays such as `covariance`."""
-        return Estimates(self._run.parameters, str(self.path))
+        return ParameterEstimates(self._run.parameters, str(self.path))
 
     @property
     def covariance(self) -> np.ndarray:
@@ -150,7 +150,7 @@ class Result:
         Without intervals, with the searched ranges. `names`: parameters, by default all. `ax`: a
         matplotlib axes, by default a new one.
         """
-        title = f"{self.task}: estimates, {between(self._run.search)}s"
+        title = f"{self.task}: estimates, {interval_label(self._run.search)}s"
         chosen = self._chosen(names)
         coordinates = {axis["name"]: axis for axis in self.content["covariance"]["coordinates"]}
         return plot_estimates(chosen, coordinates, title, ax)
@@ -169,7 +169,7 @@ class Result:
         """Plot draws of the joint posterior for each pair of parameters, in a new figure."""
         return plot_pairs(self._chosen(names), self.samples(_PLOTTED_DRAWS))
 
-    def _chosen(self, names: Sequence[str] | None) -> list[Estimate]:
+    def _chosen(self, names: Sequence[str] | None) -> list[ParameterEstimate]:
         """Estimates of `names`, by default all. Raises InputError without a search; UnknownName."""
         if not self.content.get("covariance"):
             raise InputError(

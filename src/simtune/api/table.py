@@ -5,7 +5,7 @@ from html import escape
 from typing import Any
 
 from simtune.columns import aligned
-from simtune.report.words import MISSING, between, interval, number, percent, share, unit
+from simtune.report.words import MISSING, covered, interval, interval_label, number, percent, unit
 from simtune.validate import is_number
 
 Rows = Sequence[Sequence[str]]
@@ -39,14 +39,14 @@ def table_rows(parameters: Mapping[str, Mapping[str, Any]], search: str | None) 
     """Texts of the cells: the head, then one row per parameter."""
     is_known = any(is_number(p.get("real")) for p in parameters.values())
     has_intervals = search == "posterior"
-    named = ("estimate" if search else "mean", between(search))
+    named = ("estimate" if search else "mean", interval_label(search))
     named += ("of first range",) * has_intervals + ("verdict",) * bool(search)
     heads = ("parameter", "unit", "start", *named, *("truth", "off by") * is_known)
     rows: list[tuple[str, ...]] = [heads]
     for name, p in parameters.items():
         cells = [name, unit(p), number(p["initial"]), number(p["mean"]), interval(p)]
-        covered = p.get("interval_share")
-        cells += [share(covered) if is_number(covered) else MISSING] * has_intervals
+        its_share = p.get("interval_share")
+        cells += [covered(its_share) if is_number(its_share) else MISSING] * has_intervals
         cells += [str(p.get("verdict"))] * bool(search)
         cells += [number(p.get("real")), percent(p.get("percent_error"))] * is_known
         rows.append(tuple(cells))

@@ -10,6 +10,7 @@ import av.error
 import numpy as np
 
 from simtune.cameras.lens import Lens
+from simtune.cameras.orientation import as_shown
 from simtune.cameras.pictures import resize
 from simtune.cameras.rectify import rectify
 from simtune.errors import InputError
@@ -127,5 +128,4 @@ def _read_picture(path: Path) -> np.ndarray:
     except (OSError, av.error.FFmpegError, StopIteration) as error:
         why = getattr(error, "strerror", None) or "it holds no picture"
         raise InputError(f"{path}: cannot be read as a picture: {why}") from None
-    turns = round(frame.rotation / 90)  # as a phone's picture is shown
-    return np.rot90(frame.to_ndarray(format="rgb24"), turns)
+    return as_shown(frame.to_ndarray(format="rgb24"), frame)

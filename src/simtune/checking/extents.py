@@ -25,7 +25,7 @@ def extents_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) 
 
     Median over some of the (E, T + 1, S) states of nominal worlds.
     """
-    corners = _corners(simulator.model, views, simulator.image_size)
+    corners = corners_of_parts(simulator.model, views, simulator.image_size)
     if not len(corners):
         return {}
     at = np.linspace(0, states.shape[1] - 1, min(_STEPS, states.shape[1])).astype(int)
@@ -103,7 +103,7 @@ def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[str]:
     return sorted({model.body(body).name or f"body {body}" for body in bodies.tolist()})
 
 
-def _corners(model: mujoco.MjModel, views: Sequence[View], image_size: int) -> Keypoints:
+def corners_of_parts(model: mujoco.MjModel, views: Sequence[View], image_size: int) -> Keypoints:
     """Corners of the bounding boxes of all geoms that move before a camera."""
     candidates = candidate_keypoints(model, views, image_size)
     pairs = np.unique(np.stack([candidates.views, candidates.geoms], 1), axis=0)

@@ -10,6 +10,7 @@ from simtune.checking.servos.commands import commands_of, servos_of
 from simtune.checking.servos.doubts import doubts
 from simtune.checking.servos.fit import Servo, fit_servo, predict
 from simtune.checking.servos.joint_ranges import beyond_ranges
+from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.play import find_play
 from simtune.fit import Readings
@@ -65,6 +66,7 @@ def look_at_servos(
     read = Readings.of(trajectories, sensors).values
     has_servo = [servo is not None for servo in followed]
     found += beyond_ranges(simulator.model, sensors, read, has_servo)
+    found += missing(labels, read, [len(t) for t in trajectories])
     long = [e for e, c in enumerate(commands) if len(c) >= _FEWEST_STEPS]
     for column, command_of in enumerate(followed):
         if command_of is None or not long:
@@ -72,11 +74,12 @@ def look_at_servos(
         asked = [command_of.targets(c) for c in commands]
         measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
         label, unit = labels[column], units[column]
+        measured, lost = without_lost_packets(label, unit, asked, measured)
         fitted = [asked[e] for e in long], [measured[e] for e in long]
         servo = fit_servo(*fitted, simulator.step_s)
         play = find_play(servo, *fitted, simulator.step_s)
         servos[label], plays[label] = servo, play.width if play.is_clear(servo.noise) else None
-        found += doubts(label, unit, asked, measured, servo, simulator.step_s)
+        found += lost + doubts(label, unit, asked, measured, servo, simulator.step_s)
         command = asked[long[0]]
         (predicted,) = predict(servo, [command], simulator.step_s)
         curves[label] = Curve(unit, command, measured[long[0]], predicted, servo)

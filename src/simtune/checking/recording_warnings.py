@@ -46,7 +46,7 @@ def warnings(
     found += _of_gaps(facts.get("gaps", {})) + _of_clocks(facts.get("unused_s", {}))
     if search == "posterior":
         lengths = [len(actions) for actions in recorded[:num_replayed]]
-        found += _of_lengths(lengths, are_filmed=bool(facts["cameras"]))
+        found += _of_lengths(lengths, facts.get("names", ()), are_filmed=bool(facts["cameras"]))
     found += _of_order(facts.get("action_names", ()), task.load_actions().names)
     return found + _of_actions(task, np.concatenate(recorded))
 
@@ -89,8 +89,8 @@ def _of_clocks(unused: Mapping[str, tuple[float, float]]) -> list[str]:
     ]
 
 
-def _of_lengths(lengths: list[int], *, are_filmed: bool) -> list[str]:
-    """On episodes of these numbers of steps."""
+def _of_lengths(lengths: list[int], names: Sequence[str], *, are_filmed: bool) -> list[str]:
+    """On episodes of these numbers of steps, and with these names."""
     found, least = [], _fewest_steps(are_filmed=are_filmed)
     unused = sum(lengths) - len(lengths) * min(lengths)
     if unused and are_filmed:  # readings use all steps
@@ -100,8 +100,8 @@ def _of_lengths(lengths: list[int], *, are_filmed: bool) -> list[str]:
         )
     if min(lengths) < least:
         found.append(
-            f"episode {lengths.index(min(lengths))}, counted from 0, has {min(lengths)} steps: "
-            f"`simtune tune` needs at least {least} of each, so leave it out"
+            f"{names[lengths.index(min(lengths))]} has {min(lengths)} steps: `simtune tune` needs "
+            f"at least {least} of each, so leave it out (--leave-out)"
         )
     return found
 

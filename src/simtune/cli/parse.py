@@ -15,7 +15,7 @@ import tyro
 from simtune.cli.commands import Command
 from simtune.cli.completion import completion_mended
 from simtune.cli.help import EXAMPLES, asks_for_help, with_help
-from simtune.config.checks import flag
+from simtune.config.option_checks import flag
 from simtune.errors import InputError, UnknownName
 
 _TYPES = {"int": "a whole number", "float": "a number"}

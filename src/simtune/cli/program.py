@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import Any
 
@@ -21,13 +22,16 @@ def main() -> None:
     # Set before torch is loaded: threads that spin while waiting make training five times slower
     # as soon as anything else runs on the machine.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    command, began_s = None, time.time()
+    began_s = time.time()
+    typed = sys.argv[1:]
+    command = None
     _make_writable()
     try:
-        if sys.argv[1:] == ["--version"]:
+        if typed == ["--version"]:
             print(f"simtune {simtune.__version__}")
         else:
-            _carry_out(command := parse(sys.argv[1:]))
+            command = parse(typed)
+            _carry_out(command, typed)
         sys.stdout.flush()
     except InputError as error:
         sys.exit(_complain(error, 2))
@@ -56,23 +60,24 @@ def _make_writable() -> None:
         sys.stdout.reconfigure(errors="replace")
 
 
-def _carry_out(command: Any) -> None:
+def _carry_out(command: Any, typed: Sequence[str]) -> None:
     """Check and run a command. Raises RuntimeError for a failure, after printing everything."""
     check_first(command)
-    done = run(command, _say_nothing if command.json else _say)
-    if command.json or isinstance(command, EvaluateConfig):
+    result = run(command, _print_nothing if command.json else _print_line, typed)
+    is_score = isinstance(command, EvaluateConfig) and command.real is None
+    if command.json or is_score:
         from simtune.run.files import plain
 
-        print(json.dumps(plain(done.result)))
-    if done.failure:
-        raise RuntimeError(done.failure)
+        print(json.dumps(plain(result.content)))
+    if result.failure:
+        raise RuntimeError(result.failure)
 
 
-def _say(line: str) -> None:
+def _print_line(line: str) -> None:
     print(line, flush=True)
 
 
-def _say_nothing(_: str) -> None:
+def _print_nothing(_: str) -> None:
     """Used with --json, which prints one JSON object instead of lines."""
 
 
@@ -94,7 +99,8 @@ def _interrupted(command: Any, began_s: float) -> str:
             f"interrupted before there was anything to keep: its {lost} are lost, and the same "
             "command begins anew"
         )
-    kept, on = counted(state["rounds"], "finished round"), ""
+    kept = counted(state["rounds"], "finished round")
+    on = ""
     if isinstance(command, TrainConfig):
         kept += f" and {counted(state['step'], 'step')} of the policy's training"
         lost = f"the last {lost}"

@@ -3,12 +3,12 @@
 These import what they need within: torch and Warp take seconds, and --help should not.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from simtune.cli import before_runs, of_runs
+from simtune.cli import run_commands, setup_commands
 from simtune.cli.commands import DoctorCommand, ExampleCommand, ReportCommand, TasksCommand
-from simtune.cli.done import Done, Say
+from simtune.cli.outcome import CommandResult, PrintLine
 from simtune.config import (
     CheckConfig,
     CompareConfig,
@@ -22,20 +22,23 @@ from simtune.config import (
     check_paths,
 )
 
-_COMMANDS: dict[type, Callable[[Any, Say], Done]] = {
-    TasksCommand: before_runs.tasks,
-    ExampleCommand: before_runs.example,
-    CheckConfig: before_runs.check,
-    TuneConfig: of_runs.tune,
-    TrainConfig: of_runs.train,
-    RecordConfig: before_runs.record,
-    EvaluateConfig: of_runs.evaluate,
-    ExportConfig: of_runs.export,
-    CompareConfig: of_runs.compare,
-    ReportCommand: of_runs.report,
-    SweepConfig: of_runs.sweep,
-    FiguresConfig: of_runs.figures,
-    DoctorCommand: before_runs.doctor,
+_COMMANDS: dict[type, Callable[[Any, PrintLine], CommandResult]] = {
+    TasksCommand: setup_commands.tasks,
+    ExampleCommand: setup_commands.example,
+    CheckConfig: setup_commands.check,
+    RecordConfig: setup_commands.record,
+    EvaluateConfig: run_commands.evaluate,
+    ExportConfig: run_commands.export,
+    CompareConfig: run_commands.compare,
+    ReportCommand: run_commands.report,
+    SweepConfig: run_commands.sweep,
+    FiguresConfig: run_commands.figures,
+    DoctorCommand: setup_commands.doctor,
+}
+# These also take the words of the command line, which their runs keep.
+_STARTING_RUNS: dict[type, Callable[[Any, PrintLine, Sequence[str]], CommandResult]] = {
+    TuneConfig: run_commands.tune,
+    TrainConfig: run_commands.train,
 }
 
 
@@ -50,6 +53,9 @@ def check_first(command: Any) -> None:
         load_any_task(command.task)
 
 
-def run(command: Any, say: Say) -> Done:
-    """Run a command; `say` gets the lines for people."""
-    return _COMMANDS[type(command)](command, say)
+def run(command: Any, print_line: PrintLine, typed: Sequence[str]) -> CommandResult:
+    """Run a command; `print_line` gets the lines for people, `typed`: the command line's words."""
+    kind = type(command)
+    if kind in _STARTING_RUNS:
+        return _STARTING_RUNS[kind](command, print_line, typed)
+    return _COMMANDS[kind](command, print_line)

@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from simtune.config.checks import flag, usual_without
+from simtune.config.option_checks import flag, usual_without
 from simtune.errors import InputError
 
 

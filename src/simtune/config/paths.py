@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from simtune.config.checks import flag
+from simtune.config.option_checks import flag
 from simtune.config.real import NO_RECORDINGS, RealConfig
 from simtune.errors import InputError
 

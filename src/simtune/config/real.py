@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from simtune.config.checks import check_device, check_seed, flag, usual_without
+from simtune.config.option_checks import check_device, check_seed, flag, usual_without
 from simtune.errors import InputError
 
 ROBOTS = ("xarm", "lerobot")
@@ -13,7 +13,7 @@ _SMALLEST_PX, _LARGEST_PX = 32, 256
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingsConfig:
-    """Options for reading recordings (docs/recordings.md)."""
+    """Options for reading recordings (docs/recordings.md), and for what is observed."""
 
     camera: str | None = None
     """The recordings' camera, such as observation.images.front; needed if there are several."""
@@ -22,21 +22,30 @@ class RecordingsConfig:
     default all."""
     control_hz: float | None = None
     """Steps per second to which recordings are resampled; by default their own rate."""
+    leave_out: str | None = None
+    """Recorded episodes that are not used, NAME,NAME,..., as messages call them: 3 for `episode 3`,
+    demo_3, swing3."""
+    observe: str | None = None
+    """What to observe, NAME,NAME,...: `cameras`, `joints` (all sensors), or names of cameras and
+    sensors; by default everything that a tuning file declares, and a built-in task's camera."""
 
     @property
     def action_names(self) -> tuple[str, ...] | None:
-        if self.actions is None:
-            return None
-        return tuple(name.strip() for name in self.actions.split(","))
+        return _names(self.actions)
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of the episodes that are not used."""
+        return _names(self.leave_out) or ()
 
     @property
     def observed(self) -> tuple[str, ...] | None:
-        """Names of the observed cameras and sensors, see `Observes`."""
-        return ("cameras",)
+        """Names of the observed cameras and sensors; None: the default of `observe`."""
+        return _names(self.observe)
 
     def check_recordings(self, given: bool) -> None:
         """Raises InputError for invalid options; `given`: whether there are recordings."""
-        for name in ("camera", "actions", "control_hz"):
+        for name in ("camera", "actions", "control_hz", "leave_out"):
             if getattr(self, name) is not None and not given:
                 raise InputError(f"{flag(name)} goes with recordings only")
         if self.control_hz is not None and not 0.01 <= self.control_hz <= 1000:
@@ -44,23 +53,8 @@ class RecordingsConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Observes:
-    """Which cameras and sensors are observed; commands without it observe pictures only."""
-
-    observe: str | None = None
-    """What to observe, NAME,NAME,...: `cameras`, `joints` (all sensors), or names of cameras and
-    sensors; by default everything that a tuning file declares, and a built-in task's camera."""
-
-    @property
-    def observed(self) -> tuple[str, ...] | None:
-        if self.observe is None:
-            return None
-        return tuple(name.strip() for name in self.observe.split(","))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObservesSized(Observes):
-    """Also the size of pictures."""
+class PictureOptions:
+    """The size of pictures."""
 
     image_size: int | None = None
     """Height of pictures in pixels; by default 100 for the paper's search, else 64, or up to 128 if
@@ -123,3 +117,8 @@ class RealConfig(RecordingsConfig):
             raise InputError(f"--start-factor must be at least 1, got {self.start_factor:g}")
         check_device(self.device)
         check_seed(self.seed)
+
+
+def _names(listed: str | None) -> tuple[str, ...] | None:
+    """The names in NAME,NAME,..."""
+    return None if listed is None else tuple(name.strip() for name in listed.split(","))

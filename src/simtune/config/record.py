@@ -1,4 +1,4 @@
-"""The options of `simtune record`, `simtune export` and `simtune compare`."""
+"""The options of `simtune record`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,10 +6,10 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least, check_seed, flag
+from simtune.config.option_checks import at_least, check_seed, flag
 from simtune.config.prints import Prints
 from simtune.errors import InputError
-from simtune.names import ExportFormat, RendererName
+from simtune.names import RendererName
 
 _LARGEST_PX = 1024  # a whole episode is held in memory until it is written
 
@@ -48,56 +48,3 @@ class RecordConfig(Prints):
                 raise InputError(
                     f"{flag(name)} must be an even number from 16 to {_LARGEST_PX}, got {pixels}"
                 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExportConfig(Prints):
-    """Export a run's result: the tuned MJCF, its parameters, and Python code that applies them.
-
-    Writes model.xml with the files it refers to, parameters.json and apply.py into OUT. With
-    --samples, also writes draws of the posterior for domain randomisation: samples.csv.
-    """
-
-    run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
-    """A folder that `simtune tune` or `simtune train` wrote."""
-    out: Path
-    """The folder to write, which must be new or empty; with --samples it may be a new file
-    NAME.csv, NAME.npz or NAME.json, to write only the draws."""
-    samples: int | None = None
-    """Number of worlds to draw from the joint posterior of all parameters."""
-    format: ExportFormat = "samples"
-    """A training library for which to write the draws as well, mjlab or MuJoCo Playground: as
-    worlds.npz, with a Python module that randomises environments with them."""
-
-    def check(self) -> None:
-        """Raises InputError for invalid options."""
-        at_least(self, 1, "samples")
-        if self.format != "samples" and (self.samples is None or self.is_file):
-            raise InputError(f"--format {self.format} needs --samples, and a folder as --out")
-        if self.is_file and self.samples is None:
-            raise InputError(f"--out {self.out} is for --samples; without them give a folder")
-        if self.is_file and self.out.exists():
-            raise InputError(f"{self.out} is there already: give --out another name")
-        if self.out.is_dir() and any(self.out.iterdir()):
-            raise InputError(f"{self.out} is not empty: give --out a new or an empty folder")
-
-    @property
-    def is_file(self) -> bool:
-        """Whether only the draws are written, to a file."""
-        return self.out.suffix in (".csv", ".npz", ".json")
-
-
-@dataclass(frozen=True, kw_only=True)
-class CompareConfig(Prints):
-    """Test whether runs agree, for example on two sets of episodes of the same real world.
-
-    All runs must have tuned the same parameters by --search posterior. Writes nothing.
-    """
-
-    run_folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN RUN ...")]
-    """At least two folders that `simtune tune` or `simtune train` wrote."""
-
-    def check(self) -> None:
-        """Raises InputError for a single run."""
-        if len(self.run_folders) < 2:
-            raise InputError("two runs at least can be compared: give their folders")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least, usual_without
+from simtune.config.option_checks import at_least, usual_without
 from simtune.config.prints import Prints
 from simtune.errors import InputError
 

@@ -1,4 +1,4 @@
-"""The options of `simtune train` and `simtune evaluate`."""
+"""The options of `simtune train`."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from simtune.config.checks import at_least, check_known_colour, check_seed, flag, usual_without
+from simtune.config.option_checks import at_least, check_known_colour, flag, usual_without
 from simtune.config.prints import Prints
-from simtune.config.real import NO_RECORDINGS, Observes, RealConfig
+from simtune.config.real import NO_RECORDINGS, RealConfig
 from simtune.errors import InputError
 
 Method = Literal["autotune", "regression", "dr", "untuned", "oracle"]
@@ -16,7 +16,7 @@ UNTUNED = ("dr", "untuned", "oracle")  # methods without a search
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig(Prints, Observes, RealConfig):
+class TrainConfig(Prints, RealConfig):
     """Train a policy on pictures, in a simulator that is tuned meanwhile (Algorithm 1).
 
     Writes result.json, report.html, metrics and videos into OUT. The same command continues an
@@ -110,32 +110,3 @@ class TrainConfig(Prints, Observes, RealConfig):
             usual_without(self, "--real pseudo only", "scored_episodes")
         if self.real not in NO_RECORDINGS:
             usual_without(self, "--real pseudo or a robot", "tried_episodes")
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvaluateConfig(Prints):
-    """Score a run on other episodes. Prints one JSON object and writes nothing.
-
-    For a run of `train`: scores its policy, in its pseudo-real world or in another simulated one.
-    For a run of `tune` with joint readings: --real replays other recordings open loop, each from
-    its first readings, in the simulator before and after tuning.
-    """
-
-    run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
-    """A folder that `simtune train` or `simtune tune` wrote."""
-    real: Path | None = None
-    """For a run of `tune`: recordings to replay in its simulator."""
-    parameters: Path | None = None
-    """A JSON file of the parameters of the world to score in, {name: value}, or a run's
-    result.json; by default those of the pseudo-real world."""
-    episodes: int | None = None
-    """Number of episodes: by default 20, or all recordings."""
-    seed: int = 1000
-    """Random seed of the episodes; the training's seed repeats those of its own score."""
-
-    def check(self) -> None:
-        """Raises InputError for invalid options."""
-        if self.real:
-            usual_without(self, "a run of train, and not with --real", "parameters", "seed")
-        at_least(self, 1, "episodes")
-        check_seed(self.seed)

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from simtune.config.checks import flag
+from simtune.config.option_checks import flag
 from simtune.errors import InputError
 
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", Path: "a path"}

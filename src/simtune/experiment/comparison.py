@@ -4,7 +4,8 @@ from typing import Any
 
 from simtune.before_after.moving_parts import MovingParts, follow_parts
 from simtune.before_after.readings import Replayed, Tuned, replay
-from simtune.before_after.videos import episode_and_start, write_videos
+from simtune.before_after.start_search import episode_and_start
+from simtune.before_after.videos import write_videos
 from simtune.experiment.experiment import Experiment
 from simtune.run.folder import RunFolder
 from simtune.simulation import Simulator

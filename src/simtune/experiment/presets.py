@@ -27,7 +27,8 @@ _FAST_SEARCH = PosteriorSearchConfig(
     posterior_updates=300,
     state_updates=300,
     fit=FitConfig().at_most(32, 45),
-    num_refits=(2, 2),
+    planned_refits=2,
+    most_refits=2,
 )
 
 

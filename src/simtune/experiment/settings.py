@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from simtune.agents import Agent, AgentSpec, make_agent
-from simtune.before_after.videos import StartSearchConfig
+from simtune.before_after.start_search import StartSearchConfig
 from simtune.experiment.schedule import Schedule
 from simtune.tuning import SearchSettings
 

@@ -30,8 +30,13 @@ from simtune.fit.physics import Physics
 from simtune.fit.pictures.response import Photometry
 from simtune.fit.readings.joint_motion import JointMotion, left_open
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.output_error import Descent, OutputError, OutputErrorFit, ReplayStage
-from simtune.fit.readings.replay_cost import Guess
+from simtune.fit.readings.output_error import (
+    Descent,
+    OutputErrorFit,
+    OutputErrorMethod,
+    ReplayStage,
+)
+from simtune.fit.readings.replay_objective import Guess
 from simtune.fit.readings.sensitivity import MOST_EPISODES
 from simtune.fit.readings.stretches import Readings
 from simtune.fit.readings.whole_episodes import replay_whole
@@ -54,8 +59,8 @@ __all__ = [
     "Lateness",
     "Observed",
     "OpenLoopReplay",
-    "OutputError",
     "OutputErrorFit",
+    "OutputErrorMethod",
     "ParticleConfig",
     "Photometry",
     "Physics",

@@ -25,7 +25,8 @@ from simtune.fit.result import FitResult, Misfit, PointEstimate, block_correlati
 from simtune.fit.sizing import FitConfig, fit_to_budget
 from simtune.fit.split import Split
 
-_SMALLEST_STD = {"moving": 5e-4, "appearance": 2e-4}  # in unit coordinates: no fit is exact
+# In unit coordinates: no fit is exact
+_SMALLEST_STD, _SMALLEST_APPEARANCE_STD = 5e-4, 2e-4
 
 
 class ReplayFit:
@@ -166,8 +167,8 @@ class ReplayFit:
         covariance = motion.covariance
         std[self._setup.moving] = np.sqrt(np.diag(covariance))
         std[self._appearance] = np.sqrt(np.diag(pictures.covariance))
-        kinds = np.where(self.space.is_appearance, "appearance", "moving")
-        at_least = np.maximum(std, [_SMALLEST_STD[kind] for kind in kinds])
+        smallest = np.where(self.space.is_appearance, _SMALLEST_APPEARANCE_STD, _SMALLEST_STD)
+        at_least = np.maximum(std, smallest)
         blocks = (self._setup.moving, covariance), (self._appearance, pictures.covariance)
         return at_least, diluted(block_correlation(len(std), blocks), std / at_least)
 

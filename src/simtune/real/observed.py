@@ -51,6 +51,7 @@ def open_recordings(
         num_actions=len(task.load_actions().names),
         actions=config.action_names or (task.action_columns if isinstance(task, Task) else None),
         control_hz=config.control_hz,
+        leave_out=config.left_out,
         readings={sensor.name: sensor.columns for sensor in observation.sensors},
         turnings=turnings,
     )

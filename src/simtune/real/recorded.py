@@ -66,7 +66,7 @@ def read_episode(
     try:
         readings = observation.in_units(read.readings, dataset.step_s)
     except InputError as error:
-        raise InputError(f"{dataset.where}, episode {episode}: {error}") from error
+        raise InputError(f"{dataset.where}: {dataset.episodes[episode]}: {error}") from error
     return replace(read, readings=readings)
 
 

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from simtune.columns import counted
 from simtune.errors import InputError
 from simtune.recordings.facts import Seen, SeenPictures, action_ranges
 from simtune.recordings.film import Film
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.readings import NO_PERIODS, NO_READINGS, choose_readings
 from simtune.recordings.resample import counted_on
-from simtune.recordings.source import Source, choose_actions
+from simtune.recordings.source import Source, choose_actions, kept_episodes, short
 from simtune.recordings.steps import Steps, check_rate, make_steps
 from simtune.recordings.turning import Turning, commands_counted_on
 from simtune.trajectory import Trajectory
@@ -34,8 +35,9 @@ class Dataset:
     number that the task needs. `readings`, {sensor: columns}, names the columns of each sensor's
     readings, see `choose_readings`. `control_hz` is the number of steps per second (None: the
     recordings' rate): frames are the nearest in time, actions are averaged over each step, and
-    readings are interpolated linearly. `turnings` are actions that may begin again after a turn;
-    their columns are those of the used actions, and of all sensors' readings side by side.
+    readings are interpolated linearly. Episodes named in `leave_out` are not used. `turnings` are
+    actions that may begin again after a turn; their columns are those of the used actions, and of
+    all sensors' readings side by side.
 
     Raises:
         InputError: the recordings do not fit; one line says what was expected and what to do.
@@ -50,6 +52,7 @@ class Dataset:
         num_actions: int | None = None,
         actions: Sequence[str] | None = None,
         control_hz: float | None = None,
+        leave_out: Sequence[str] = (),
         readings: Mapping[str, Sequence[str]] = NO_READINGS,
         turnings: Sequence[Turning] = (),
     ):
@@ -65,8 +68,9 @@ class Dataset:
         self.where = str(source.path)
         self.action_names = tuple(source.action_names[column] for column in self._columns)
         self.reading_names = tuple(reading.full_name for reading in source.readings)  # available
-        self.episodes = source.episodes  # names
-        self.num_episodes = len(source.episodes)
+        self._kept = kept_episodes(source, leave_out)  # indices of the source's
+        self.episodes = [source.episodes[index] for index in self._kept]  # names
+        self.num_episodes = len(self.episodes)
 
     @property
     def aspects(self) -> list[float]:
@@ -104,7 +108,8 @@ class Dataset:
             if step == 0:
                 frames = np.empty((len(steps.times_s), *picture.shape), np.uint8)
             frames[step] = picture
-        return Trajectory(frames, steps.actions, self.step_s, steps.readings)
+        name = self.episodes[episode]
+        return Trajectory(frames, steps.actions, self.step_s, steps.readings, name)
 
     def skim(
         self, episode: int, num_kept: int = 0, within_steps: int | None = None
@@ -153,6 +158,7 @@ class Dataset:
                 sensor: [reading.full_name for reading in readings]
                 for sensor, readings in self._sensors.items()
             },
+            "names": self.episodes[:num_episodes],
             "episodes": num_episodes,
             "episodes_in_dataset": self.num_episodes,
             "steps": sum(s.num_steps for s in seen),
@@ -162,23 +168,28 @@ class Dataset:
         """An episode without its pictures."""
         where = f"{self.where}: {self.episodes[episode]}"
         asked = [reading for readings in self._sensors.values() for reading in readings]
-        rows = self._source.rows(episode, asked)
+        index = self._kept[episode]
+        rows = self._source.rows(index, asked)
         if self._own_rate:
             check_rate(where, rows, self.step_s)
+        all_periods = self._of_all(periods)
         rows = replace(
             rows,
             # Before resampling, as readings below
             actions=commands_counted_on(
                 rows.actions[:, self._columns], rows.readings, self._turnings
             ),
-            until_s=self._film.until_s(episode, self._source, rows) if self._film else rows.until_s,
+            until_s=self._film.until_s(index, self._source, rows) if self._film else rows.until_s,
             # Before resampling: on a line across the jump, an encoder would turn back.
-            readings=counted_on(rows.readings, self._of_all(periods)),
+            readings=counted_on(rows.readings, all_periods),
         )
         return make_steps(where, rows, self.step_s, self._sensors)
 
     def _of_all(self, periods: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(D,) of all sensors' readings. Raises InputError if a sensor has another number."""
+        """(D,) of all sensors' readings. Raises InputError if a sensor has another number.
+
+        Without periods, numbers of joints are unknown; then only if a turning joint has no reading.
+        """
         found = [np.empty(0)]
         for sensor, readings in self._sensors.items():
             its = periods.get(sensor, np.full(len(readings), np.inf))
@@ -188,7 +199,14 @@ class Dataset:
                     f"numbers, sensor {sensor} has {len(its)} joints; name a column for each joint"
                 )
             found.append(its)
-        return np.concatenate(found)
+        all_periods = np.concatenate(found)
+        if any(t.reading is not None and t.reading >= len(all_periods) for t in self._turnings):
+            columns = [column for columns in self._asked.values() for column in columns]
+            raise InputError(
+                f"{self.where}: {short(columns)}: {counted(len(all_periods), 'number')}, fewer "
+                "than the sensors have joints; name a column for each joint"
+            )
+        return all_periods
 
     @property
     def _kept_px(self) -> int | None:
@@ -198,7 +216,7 @@ class Dataset:
         """Yield an episode's frames (H, W, 3), then record the facts on the episode."""
         pictures: Sequence[SeenPictures] = ()
         if self._film:
-            pictures = yield from self._film.frames(episode, steps.times_s, height)
+            pictures = yield from self._film.frames(self._kept[episode], steps.times_s, height)
         self._seen[episode] = Seen(
             num_steps=len(steps.actions),
             lowest=steps.actions.min(0),

@@ -37,7 +37,7 @@ def stored(where: str, file: Any, group: str, key: str) -> Any:
     with sound(where):
         found: Any = file[group].get(key) if keys(file[group]) else None
         if not hasattr(found, "shape"):
-            raise InputError(f"{where} has no {key}; there are: {short(keys(file[group]))}")
+            raise InputError(f"{where} has no {key}; there are: {short(_beside(file[group], key))}")
         # An HDF5 file can refer to data in any other file that its reader may read.
         if found.file.filename != file.filename or found.external or found.is_virtual:
             raise InputError(f"{where}: {key} leads out of the file")
@@ -48,6 +48,13 @@ def stored(where: str, file: Any, group: str, key: str) -> Any:
                 "expected some pictures each, write the file anew"
             )
         return found
+
+
+def _beside(group: Any, key: str) -> list[str]:
+    """Keys of a group that lie where `key` would; all of the group's if there is no such place."""
+    parent = key.rpartition("/")[0]
+    its = keys(group.get(parent)) if parent and keys(group) else []
+    return [f"{parent}/{name}" for name in its] or keys(group)
 
 
 def read_floats(where: str, found: Any) -> np.ndarray:

@@ -42,6 +42,11 @@ class Npz(Mapping[str, np.ndarray]):
     def __getitem__(self, key: str) -> np.ndarray:
         if key not in self._looks:
             raise KeyError(key)
+        if self._looks[key].dtype.hasobject:
+            raise InputError(
+                f"{self._path}: {key} holds Python objects, which are not loaded from files; "
+                "expected numbers, or texts: numpy.array(names, dtype=str)"
+            )
         try:
             with np.load(self._path, allow_pickle=False) as file:
                 return file[key]

@@ -27,6 +27,7 @@ def open_dataset(
     num_actions: int | None = None,
     actions: Sequence[str] | None = None,
     control_hz: float | None = None,
+    leave_out: Sequence[str] = (),
     readings: Mapping[str, Sequence[str]] = NO_READINGS,
     turnings: Sequence[Turning] = (),
 ) -> Dataset:
@@ -48,6 +49,7 @@ def open_dataset(
         num_actions=num_actions,
         actions=actions,
         control_hz=control_hz,
+        leave_out=leave_out,
         readings=readings,
         turnings=turnings,
     )

@@ -15,6 +15,7 @@ from simtune.recordings.csv_table import MEASURED, is_reading, is_time, read_hea
 from simtune.recordings.readings import gather, readings_of
 from simtune.recordings.source import Lines, Reading, Rows, first_wrong, is_rate, natural, short
 
+_OTHER_CLOCK = 10  # times as late as the video's end: milliseconds, or seconds since 1970
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # case-insensitive
 
 
@@ -153,10 +154,12 @@ class PairsSource:
         step_s, seen_s = typical_step_s(times_s), video.frame_times(self._video(episode))
         spare_s = max(step_s, typical_step_s(seen_s)) if len(seen_s) > 1 else step_s
         if times_s[-1] > seen_s[-1] + 1.02 * spare_s:
+            is_other = times_s[-1] > _OTHER_CLOCK * (seen_s[-1] + spare_s)
+            asks = "are its times in seconds, and counted from there" if is_other else ""
             raise InputError(
-                f"{path}: actions until {times_s[-1]:g} s, {self._video(episode).name} ends at "
-                f"{seen_s[-1]:g} s; expected seconds since the video's first frame; is the video "
-                "whole?"
+                f"{path}: actions until {times_s[-1]:.10g} s, {self._video(episode).name} ends at "
+                f"{seen_s[-1]:g} s; expected seconds since the video's first frame; "
+                f"{asks or 'is the video whole'}?"
             )
         ends_s, until_s = float(seen_s[-1]), float(times_s[-1]) + step_s
         return times_s, min(ends_s, until_s), max(0.0, ends_s - until_s)

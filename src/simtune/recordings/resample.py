@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from simtune.between_rows import BRIDGED, gaps_at, read_between, typical_step_s
+from simtune.between_rows import BRIDGED, gaps_at, own_step_s, read_between, typical_step_s
 from simtune.recordings.source import Rows
 
 _ON_TIME = 0.02  # of a step, or a row: rows this near to a step's start are not resampled
@@ -41,6 +41,11 @@ def step_times(rows: Rows, step_s: float) -> np.ndarray:
     return rows.times_s[0] + step_s * np.arange(int((lasts_s + spare_s) / step_s) + 1)
 
 
+def _is_same(row_s: float, step_s: float) -> bool:
+    """Whether steps are at the rows' own rate."""
+    return abs(row_s / step_s - 1) < 1e-3
+
+
 def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     """(K, A) mean action over each step, for (K + 1,) times.
 
@@ -50,7 +55,7 @@ def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     num_steps, step_s = len(times_s) - 1, times_s[1] - times_s[0]
     if len(rows) >= num_steps:
         late_s = np.abs(rows.times_s[:num_steps] - times_s[:-1])
-        is_own_rate = len(rows) > 1 and abs(typical_step_s(rows.times_s) / step_s - 1) < 1e-3
+        is_own_rate = len(rows) > 1 and _is_same(typical_step_s(rows.times_s), step_s)
         if late_s.max() <= (_ROUNDED if is_own_rate else _ON_TIME) * step_s:
             return rows.actions[:num_steps]
     if not rows.actions.shape[1]:
@@ -101,17 +106,20 @@ def step_readings(rows: Rows, times_s: np.ndarray) -> np.ndarray:
 
     NaN before a column's first and after its last, and where more than two in succession are
     missing. On a row without the reading, NaN unless it was read shortly before and after: what
-    lacks there is then another clock's row, not a measurement.
+    lacks there is then another clock's row, not a measurement. At another rate than the rows', an
+    encoder may be slower than steps, too, and whether these fall on rows is chance.
     """
     own_s, row_s, step_s = rows.times_s, typical_step_s(rows.times_s), times_s[1] - times_s[0]
     after = np.searchsorted(own_s, times_s).clip(1, len(own_s) - 1)
     before_s, after_s = own_s[after - 1], own_s[after]
+    is_own_rate = _is_same(row_s, step_s)
     nearest_s = np.where(times_s - before_s < after_s - times_s, before_s, after_s)
     is_on_time = np.abs(nearest_s - times_s) <= _ON_TIME * min(row_s, step_s)
     at_s = np.where(is_on_time, nearest_s, times_s)
     found = np.empty((len(times_s), rows.readings.shape[1]))
     for number, column in enumerate(rows.readings.T):
-        is_far = gaps_at(at_s, own_s, column) > _NEAR * step_s
+        usual_s = step_s if is_own_rate else max(step_s, own_step_s(own_s, column))
+        is_far = gaps_at(at_s, own_s, column) > _NEAR * usual_s
         read = read_between(at_s, own_s, column)
         found[:, number] = np.where(is_on_time & is_far, np.nan, read)
     return found

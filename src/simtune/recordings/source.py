@@ -128,6 +128,22 @@ def short(names: Sequence[str]) -> str:
     return ", ".join(name if name.isprintable() else repr(name) for name in names)
 
 
+def kept_episodes(source: Source, leave_out: Sequence[str]) -> list[int]:
+    """Indices of the episodes that are not left out; `3` is short for `episode 3`.
+
+    Raises InputError if there is no such episode, or none is left.
+    """
+    names = [name.removeprefix("episode ") for name in source.episodes]
+    asked = [name.removeprefix("episode ") for name in leave_out]
+    for name in asked:
+        if name not in names:
+            raise UnknownName("episode", name, f"{source.path}, as --leave-out has it", names)
+    kept = [index for index, name in enumerate(names) if name not in asked]
+    if not kept:
+        raise InputError(f"{source.path}: no episode remains of {len(names)}: leave out fewer")
+    return kept
+
+
 def choose_camera(where: Path, cameras: Sequence[str], asked: str | None, full_name: str) -> str:
     """The camera `asked` for, such as "front"; its key may be longer, such as "{}_image".
 

@@ -83,7 +83,7 @@ def _by_sensor(
     of_all = [reading for readings in sensors.values() for reading in readings]
     if (column := first_wrong(np.all(~np.isfinite(values), axis=0))) is not None:
         raise InputError(
-            f"{where}: reading {of_all[column].full_name} is nowhere finite; "
+            f"{where}: reading {of_all[column].full_name} is missing at every step; "
             "drop the episode, or leave the reading out"
         )
     is_huge = np.isfinite(values) & (np.abs(np.nan_to_num(values)) > _LARGEST_READING)

@@ -15,6 +15,7 @@ import av.video.stream
 import numpy as np
 from av.video.reformatter import Interpolation
 
+from simtune.cameras.orientation import as_shown
 from simtune.errors import InputError
 
 # swscale's default conversion from YUV to RGB rounds down (colours are 1 of 255 too dark) and does
@@ -118,7 +119,7 @@ class _Shown(NamedTuple):
         width = _square(self.frame.width, self.pixel_aspect)
         # One thread: otherwise swscale starts new ones for each frame, and takes ten times longer.
         pixels = self.frame.to_ndarray(width=width, **_TO_RGB)
-        return np.rot90(pixels, round(self.frame.rotation / 90))  # both count counterclockwise
+        return as_shown(pixels, self.frame)
 
 
 def _square(width: int, pixel_aspect: Fraction) -> int:

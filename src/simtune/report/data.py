@@ -15,7 +15,7 @@ from simtune.tasks import AnyTask, load_any_task
 from simtune.validate import is_number
 
 
-class Estimate(NamedTuple):
+class RoundEstimate(NamedTuple):
     """Estimate of a parameter after a round of the search."""
 
     round: float
@@ -184,11 +184,11 @@ class RunData:
     def is_colour(self, name: str) -> bool:
         return name[:-2] in self.colours and name[-2:] in ("_r", "_g", "_b")
 
-    def history(self, name: str) -> list[Estimate]:
+    def history(self, name: str) -> list[RoundEstimate]:
         """A parameter's estimates over rounds; incomplete lines of metrics are left out."""
-        keys = ("round", *(f"{figure}/{name}" for figure in Estimate._fields[1:]))
+        keys = ("round", *(f"{figure}/{name}" for figure in RoundEstimate._fields[1:]))
         rows: list[list[Any]] = [[line.get(key) for key in keys] for line in self.metrics]
-        return [Estimate(*row) for row in rows if all(map(is_number, row))]
+        return [RoundEstimate(*row) for row in rows if all(map(is_number, row))]
 
 
 def _is_of_colour(facts: dict[str, Any]) -> bool:

@@ -11,11 +11,11 @@ from markupsafe import Markup
 
 from simtune.errors import InputError
 from simtune.report import (
+    expected_precision,
     joint_plots,
     pair_plots,
     part_plots,
     plots,
-    promise,
     rank_plots,
     trust,
     words,
@@ -53,7 +53,7 @@ def _page(run: RunData) -> str:
         policy_video=run.videos.get(POLICY_VIDEO),
         learning_curve=plots.learning_curve(run),
         ranks=trust.ranks(run),
-        promises=promise.compare(run),
+        comparisons=expected_precision.compare(run),
         pairs=trust.pairs(run),
         poses=trust.poses(run),
         identified_share=RangeUpdateConfig.identified_share,
@@ -73,6 +73,7 @@ def _environment() -> Environment:
         finalize=_shown,
     )
     filters = (words.number, words.count, words.percent, words.share, words.interval)
+    filters += (words.covered,)
     environment.filters |= {
         f.__name__: f for f in (*filters, words.unit, words.duration, words.breakable)
     }
@@ -83,11 +84,11 @@ def _environment() -> Environment:
     drawn += (rank_plots.rank_dots, pair_plots.pair_plot)
     drawn += (joint_plots.reading_plot, joint_plots.error_plot, part_plots.part_plot)
     environment.globals |= {f.__name__: f for f in drawn} | {
-        "between": words.between,
-        "how": words.how,
+        "interval_label": words.interval_label,
+        "summary": words.summary,
         "holds_truth": trust.holds_truth,
         "num_holding": trust.num_holding,
-        "reasons": promise.reasons,
+        "reasons": expected_precision.reasons,
         "ends_farther": part_plots.ends_farther,
     }
     return environment

@@ -37,6 +37,11 @@ def share(value: float) -> str:
     return f"{100 * value:.1f} %" if value < 0.1 else f"{100 * value:,.0f} %"
 
 
+def covered(value: float) -> str:
+    """How much of the first range an interval covers: it may be wider, within the bounds."""
+    return "> 100 %" if value > 1 else share(value)
+
+
 def interval(facts: Mapping[str, Any]) -> str:
     """[low, high] of a parameter or an event; empty if either is unknown."""
     low, high = facts.get("low"), facts.get("high")
@@ -45,7 +50,7 @@ def interval(facts: Mapping[str, Any]) -> str:
     return f"[{_apart(low, high)}, {_apart(high, low)}]"
 
 
-def between(search: str | None) -> str:
+def interval_label(search: str | None) -> str:
     """What low and high are the ends of, by how the run searched for parameters."""
     if search is None:
         return "worlds trained in"
@@ -85,7 +90,7 @@ _POLICIES = {
 }
 
 
-def how(run: RunData) -> str:
+def summary(run: RunData) -> str:
     """What a run did, as the start of a sentence that ends in its recordings or robot."""
     real = _REAL.get(str(run.get("real")), "recordings")
     if run.get("method") in _POLICIES:

@@ -40,19 +40,19 @@ STRANGE = (
 )
 
 
-class Strange(NamedTuple):
+class Strangeness(NamedTuple):
     """Whether real episodes are stranger than nearly all worlds, or than most."""
 
     clearly: bool
     perhaps: bool
 
 
-NOT_STRANGE = Strange(False, False)
+NOT_STRANGE = Strangeness(False, False)
 
 
-def doubted(estimate: Estimate, strange: Strange) -> Estimate:
+def doubted(estimate: Estimate, strangeness: Strangeness) -> Estimate:
     """The estimate; if its videos are strange, nothing is identified, and why."""
-    is_strange = strange.clearly or (strange.perhaps and _is_worse(estimate))
+    is_strange = strangeness.clearly or (strangeness.perhaps and _is_worse(estimate))
     if not is_strange or STRANGE in estimate.warnings:
         return estimate
     warnings = [*estimate.warnings, STRANGE]
@@ -66,7 +66,7 @@ def _is_worse(estimate: Estimate) -> bool:
     return bool(known) and (off["distance"] or 0.0) > _WORSE * max(known)
 
 
-def how_strange(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> Strange:
+def measure_strangeness(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> Strangeness:
     """How strange real episodes are among worlds; not at all if nothing visible moves.
 
     `worlds`: (W, E, T + 1, L, 2) true keypoints, pixels.
@@ -87,7 +87,8 @@ def how_strange(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> St
     if (found.mean(0) - usual.mean(0)).mean() < _FAR * held_out.worlds.frames.shape[2]:
         return NOT_STRANGE
     of_worlds = _shares(usual, usual).reshape(num, -1).mean(1)
-    return Strange(*(_shares(found, usual).mean() > np.quantile(of_worlds, _QUANTILES)).tolist())
+    clearly, perhaps = _shares(found, usual).mean() > np.quantile(of_worlds, _QUANTILES)
+    return Strangeness(bool(clearly), bool(perhaps))
 
 
 def _shares(some: np.ndarray, usual: np.ndarray) -> np.ndarray:

@@ -27,6 +27,7 @@ from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.detected import HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.rounds import TRAIN_ESTIMATOR
 from simtune.tuning.search import SearchContext
 from simtune.vision.detections import Detections
 from simtune.vision.detector_noise import DetectorNoise
@@ -37,7 +38,7 @@ from simtune.vision.keypoint_tracks import KeypointTracks
 # cost, and hardly any particle survives. In five worlds of a walker (readings of .001 rad), fits
 # from below and above end .008 apart in a mass's unit coordinate at ten times the noise, .005 at
 # thirty and at a hundred.
-_BLUNT = 30.0
+_NOISE_INFLATION = 30.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class FitStage:
     replay_fit: ReplayFit
     noise: DetectorNoise
     learnt_from: AllEvidence  # by the state estimator: on its scale readings are given to it
-    is_blunt: bool = False  # readings count as if they were noisier
+    inflates_noise: bool = False  # of readings, see `_NOISE_INFLATION`
 
     @classmethod
     def prepare(
@@ -71,10 +72,12 @@ class FitStage:
         tracks = KeypointTracks.of_detections(held_out.episodes, simulator.shape, held_out.noise())
         evidence = context.observation.evidence(tracks, worlds.readings)
         observed = Observed(evidence, worlds.filmed_actions().astype(float))
-        joints, observe = by_readings and by_readings.joints, context.keypoints.observe
-        observe = observe if joints else context.observation.observe_beside(observe)
+        joints = by_readings.joints if by_readings else None
+        observe = context.keypoints.observe
+        if not joints:
+            observe = context.observation.observe_beside(observe)
         physics = Physics(simulator, observe, worlds.states[0, 0])
-        part = budget.share(config.state_share, (0.5, 0.55))
+        part = budget.share(config.state_share, TRAIN_ESTIMATOR)
         clock = TrainingClock(
             config.state_updates, part, "learning to guess states", config.least_updates
         )
@@ -93,8 +96,8 @@ class FitStage:
         discrepancy = np.where(photometry.is_known, 0.0, discrepancy)
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry, joints)
         learnt_from = evidence.at(np.arange(0))  # its scales only
-        is_blunt = by_readings is None
-        return cls(context, model, replay_fit, near.noise(), learnt_from, is_blunt)
+        inflates_noise = by_readings is None
+        return cls(context, model, replay_fit, near.noise(), learnt_from, inflates_noise)
 
     @property
     def reading_labels(self) -> tuple[str, ...]:
@@ -132,7 +135,8 @@ class FitStage:
         readings = {name: np.stack([t.readings[name] for t in first]) for name in names}
         evidence = self.context.observation.evidence(tracks, readings)
         evidence = _scaled_as(evidence, self.learnt_from)
-        evidence = _blunted(evidence) if self.is_blunt else evidence
+        if self.inflates_noise:
+            evidence = _with_inflated_noise(evidence)
         actions = np.stack([t.actions for t in first]).astype(float)
         frames = [t.frames for t in first]  # views, not copies: there may be many
         substeps = self._simulator.num_substeps
@@ -164,17 +168,17 @@ class FitStage:
         observed: Observed,
         fit: FitResult,
         start: PointEstimate,
-        size: tuple[int, int],
+        num_worlds: int,
+        num_episodes: int,
         rng: np.random.Generator,
         extend_horizon: bool,
         budget: Budget,
     ) -> Bootstrap:
         """Film and fit known worlds near `fit`, which begin as it does and play the same actions.
 
-        `size`: number of worlds, and episodes of each. Fewer if `budget` is over before: an
-        unfinished refit does not count.
+        Each has the first `num_episodes`. Fewer worlds if `budget` is over before: an unfinished
+        refit does not count.
         """
-        num, num_episodes = size
         actions, observation = observed.actions[:num_episodes], self.context.observation
         # What an action moves depends on where objects stand. With the box elsewhere, actions that
         # had moved ALOHA's real box moved nothing.
@@ -194,7 +198,9 @@ class FitStage:
             return replace(self.observed(recorded, detections), actions=actions)
 
         replay_fit = self.replay_fit.within(budget)
-        return run_bootstrap(replay_fit, synthesize, fit, start, num, rng, extend_horizon, budget)
+        return run_bootstrap(
+            replay_fit, synthesize, fit, start, num_worlds, rng, extend_horizon, budget
+        )
 
 
 def _simulator_of(context: SearchContext) -> Simulator:
@@ -209,6 +215,8 @@ def _scaled_as(evidence: AllEvidence, other: AllEvidence) -> AllEvidence:
     return evidence.with_each(JointReadings, lambda part: part.scaled_as(like[part.name]))
 
 
-def _blunted(evidence: AllEvidence) -> AllEvidence:
+def _with_inflated_noise(evidence: AllEvidence) -> AllEvidence:
     """Evidence whose joint readings count as if they were noisier."""
-    return evidence.with_each(JointReadings, lambda part: replace(part, noise=_BLUNT * part.noise))
+    return evidence.with_each(
+        JointReadings, lambda part: replace(part, noise=_NOISE_INFLATION * part.noise)
+    )

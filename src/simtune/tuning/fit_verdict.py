@@ -20,14 +20,14 @@ from simtune.fit import (
 )
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
-from simtune.tuning.learning import Learned
+from simtune.tuning.learning import LearningResult
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.search import SearchContext
 from simtune.tuning.survival_curves import blurred, with_fit
 
 
 def conclude_by_networks(
-    learned: Learned, context: SearchContext, config: RangeUpdateConfig
+    learned: LearningResult, context: SearchContext, config: RangeUpdateConfig
 ) -> tuple[Estimate, np.ndarray]:
     """The estimate and its (N, C) curves where nothing can be fitted."""
     discrepancy = context.observation.discrepancy_std(context.first.space.is_appearance)

@@ -9,7 +9,7 @@ from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import unsure
-from simtune.tuning.search import NO_CALLBACKS, Callbacks, Needed, Round
+from simtune.tuning.search import NO_CALLBACKS, Callbacks, Round, TimeNeeded
 
 
 class FixedRange:
@@ -23,8 +23,8 @@ class FixedRange:
     def check(self, real: list[Trajectory]) -> None:
         """Accepts anything."""
 
-    def measure_time(self, real: list[Trajectory]) -> Needed:
-        return Needed(0.0, 0.0)
+    def measure_time(self, real: list[Trajectory]) -> TimeNeeded:
+        return TimeNeeded(0.0, 0.0)
 
     def run_round(
         self,

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,14 +16,15 @@ from simtune.fit import (
     PointEstimate,
 )
 from simtune.randomization import Distribution
-from simtune.tuning.earlier import Earlier
+from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.fit_verdict import conclude
-from simtune.tuning.learning import Learned, Learning
+from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import read_curves
 from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.rounds import FIT, FIT_AGAIN, REFIT
 from simtune.tuning.search import Callbacks, SearchContext
 from simtune.tuning.survival_curves import point_estimate
 
@@ -35,25 +37,48 @@ _REFIT = 0.9  # of a fit's time: no latency is searched for
 _ENOUGH_REFITS = 4  # with time for fewer, refits have fewer episodes than the real fit
 _NO_FIT = (
     "There was no time to fit the simulator: these are first guesses by networks, and none is "
-    "called identified but what joint readings tell alone. Give it more minutes."
+    "called identified{}. Give it more minutes."
 )
 _WORTH_BEGINNING = 0.5  # of a fit's time: with more left, a refit may be finished
 # Fits' time: with more left, there is time for another one and its refits; it may take so much
 _WORTH_REPEATING, _REPEATED = 4.0, 1.5
 
 
-@dataclass(kw_only=True)
+class Fitted(NamedTuple):
+    """A fit, how it was made, and how long that took."""
+
+    fit: FitResult
+    stage: FitStage
+    seconds: float
+
+
+class RefitPlan(NamedTuple):
+    """How many known worlds to begin to fit, and how many episodes of each."""
+
+    num_worlds: int
+    num_episodes: int
+
+
+class Judged(NamedTuple):
+    """What a round concludes."""
+
+    estimate: Estimate
+    curves: np.ndarray  # (N, C)
+    rounds: EarlierRounds  # with this one
+
+
+@dataclass(frozen=True, kw_only=True)
 class Judging:
     """A round's fit, and what its refits showed."""
 
     stage: FitStage
     start: PointEstimate  # of the fit, by the networks and by readings
-    learned: Learned
+    learned: LearningResult
     first: Distribution  # the range of the first round
     by_readings: ReadingsEstimate | None
     config: PosteriorSearchConfig
     learning: Learning  # films worlds to test the detector in, and draws known ones
-    earlier: Earlier  # of the rounds before; after `judge`, of this one as well
+    earlier: EarlierRounds
     picture_s: float = 0.0  # to draw a picture and to detect in it; 0: unknown
 
     @classmethod
@@ -61,9 +86,9 @@ class Judging:
         cls,
         context: SearchContext,
         learning: Learning,
-        learned: Learned,
+        learned: LearningResult,
         by_readings: ReadingsEstimate | None,
-        earlier: Earlier,
+        earlier: EarlierRounds,
         budget: Budget,
         picture_s: float,
     ) -> "Judging":
@@ -78,7 +103,7 @@ class Judging:
             context, learning.model, held_out, near, config, budget, by_readings
         )
         num_steps = min(len(t) for t in real) * len(real)
-        fits, left_s = 1 + _REFIT * config.num_refits[0], _FITS_SHARE * budget.seconds_left
+        fits, left_s = 1 + _REFIT * config.planned_refits, _FITS_SHARE * budget.seconds_left
         return cls(
             stage=stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS),
             start=start,
@@ -91,85 +116,84 @@ class Judging:
             picture_s=picture_s,
         )
 
-    def judge(
-        self, may_be_last: bool, budget: Budget, callbacks: Callbacks
-    ) -> tuple[Estimate, np.ndarray]:
+    def judge(self, is_last: bool, budget: Budget, callbacks: Callbacks) -> Judged:
         """Fit, compare with known worlds until the budget is over, and conclude.
 
-        If this cannot be the last round, known worlds and longer windows are left out. Returns the
-        (N, C) curves as well. The fit's estimate is reported before known worlds are compared.
+        If this cannot be the last round, known worlds and longer windows are left out. The fit's
+        estimate is reported before known worlds are compared.
         """
-        budget.report("fitting", 0.55)
+        budget.report("fitting", FIT[0])
         observed = self.stage.observed(*self.learned.detected)
-        finds_latency = self.by_readings is None or not self.by_readings.is_used
         try:
-            fit, fit_s = self._fit(observed, may_be_last, finds_latency, budget)
+            fitted = self._fit(observed, is_last, budget)
         except OutOfTime:
-            return self._without_fit(), self.learned.prob_higher
-        if may_be_last:
-            fit = self._fit_again(fit, fit_s, finds_latency, budget)
-        size = self._refits(observed.actions.shape[:2], budget, fit_s)
-        size = size if may_be_last else (0, 0)
-        if size[0]:
-            bootstrap = self.earlier.known(Bootstrap.none(fit))
+            return Judged(self._without_fit(), self.learned.prob_higher, self.earlier)
+        plan = RefitPlan(0, 0)
+        if is_last:
+            fitted = self._fit_again(fitted, budget)
+            plan = self._plan_refits(observed.actions.shape[:2], fitted.seconds, budget)
+        fit, stage, _ = fitted
+        if plan.num_worlds:
+            bootstrap = self.earlier.refits_to_trust(Bootstrap.none(fit))
             callbacks.report_early(self._conclude(fit, bootstrap)[0])
-        part = budget.part(budget.seconds_left, (0.65, 1.0))
+        part = budget.part(budget.seconds_left, REFIT)
         rng = self.learning.worlds.rng
-        made = self.stage.bootstrap(observed, fit, self.start, size, rng, may_be_last, part)
-        bootstrap = self.earlier.known(made)
+        made = stage.bootstrap(observed, fit, self.start, *plan, rng, is_last, part)
+        bootstrap = self.earlier.refits_to_trust(made)
         estimate, curves = self._conclude(fit, bootstrap)
-        self.earlier = Earlier(bootstrap, estimate)
-        return estimate, curves
+        return Judged(estimate, curves, EarlierRounds(bootstrap, estimate))
 
-    def _fit(
-        self, observed: Observed, extend_horizon: bool, finds_latency: bool, budget: Budget
-    ) -> tuple[FitResult, float]:
-        """The planned fit, and the seconds it took; the least one if that took far too long.
+    @property
+    def _finds_latency(self) -> bool:
+        return self.by_readings is None or not self.by_readings.is_used
 
-        Refits are then as small. See `FitStage.fit`. Raises OutOfTime if the least one
-        does not end either; it is not tried after a round that had a fit, which tells more.
+    def _fit(self, observed: Observed, is_last: bool, budget: Budget) -> Fitted:
+        """The planned fit; the least one if that took far too long, and refits are then as small.
+
+        See `FitStage.fit`. Raises OutOfTime if the least one does not end either; it is not tried
+        after a round that had a fit, which tells more.
         """
-        may_be_smaller = not (budget.is_endless or self.stage.is_least or self.earlier.estimate)
+        stage = self.stage
+        may_be_smaller = not (budget.is_endless or stage.is_least or self.earlier.estimate)
         seconds = _PLANNED_SHARE * budget.seconds_left if may_be_smaller else budget.seconds_left
         began_s = time.monotonic()
         try:
-            part = budget.part(seconds, (0.55, 0.6))
-            fit = self.stage.fit(observed, self.start, extend_horizon, finds_latency, part)
+            part = budget.part(seconds, FIT)
+            fit = stage.fit(observed, self.start, is_last, self._finds_latency, part)
         except OutOfTime:
             if not may_be_smaller:
                 raise
-            self.stage, began_s = self.stage.least(), time.monotonic()
-            fit = self.stage.fit(observed, self.start, extend_horizon, finds_latency, budget)
-        return fit, time.monotonic() - began_s
+            stage = stage.least()
+            began_s = time.monotonic()
+            fit = stage.fit(observed, self.start, is_last, self._finds_latency, budget)
+        return Fitted(fit, stage, time.monotonic() - began_s)
 
-    def _fit_again(
-        self, fit: FitResult, fit_s: float, finds_latency: bool, budget: Budget
-    ) -> FitResult:
+    def _fit_again(self, fitted: Fitted, budget: Budget) -> Fitted:
         """Another fit, if the detector errs otherwise than in the worlds that it was tested in.
 
         How it errs depends on colours, of which a fit knows far more than the networks that chose
         those worlds. A peg of two pixels, whose red they had guessed .2 off, was found half a pixel
         beside its place in place of none, and a rope came out 4 to 15 % too short.
         """
+        fit, stage, fit_s = fitted
         if budget.seconds_left < _WORTH_REPEATING * fit_s:
-            return fit
-        budget.report("fitting", 0.6)
+            return fitted
+        budget.report("fitting", FIT_AGAIN[0])
         found = PointEstimate(fit.parameters, np.where(fit.is_moving, self.start.std, fit.std))
         noise = self.learning.film_near(self.learned, found, budget).noise()
-        if not noise.is_off(self.stage.noise) or budget.seconds_left < _WORTH_REPEATING * fit_s:
-            return fit
-        stage = replace(self.stage, noise=noise)
+        if not noise.is_off(stage.noise) or budget.seconds_left < _WORTH_REPEATING * fit_s:
+            return fitted
+        stage = replace(stage, noise=noise)
         colours = np.where(fit.is_moving, self.start.parameters, fit.parameters)
         start = self.start._replace(parameters=colours)
         try:
             observed = stage.observed(*self.learned.detected)
             seconds = budget.seconds_left if budget.is_endless else _REPEATED * fit_s
-            part = budget.part(seconds, (0.6, 0.65))
-            fit = stage.fit(observed, start, True, finds_latency, part)
+            part = budget.part(seconds, FIT_AGAIN)
+            again = stage.fit(observed, start, True, self._finds_latency, part)
         except OutOfTime:
-            return fit
-        self.stage = stage
-        return fit
+            return fitted
+        return Fitted(again, stage, fit_s)
 
     def _without_fit(self) -> Estimate:
         """The estimate if a fit ran out of time: the previous one.
@@ -181,25 +205,33 @@ class Judging:
         learned, config = self.learned, self.config.range_update
         estimate = read_curves(learned.prob_higher, learned.searched, self.first, config)
         verdict = at_most_weak(estimate.verdict)
-        estimate = replace(estimate, verdict=verdict, warnings=[_NO_FIT])
+        of_readings = ""
+        if self.by_readings:
+            of_readings = " but what joint readings tell alone"
+        elif self.stage.reading_labels:
+            of_readings = ". Joint readings were not fitted alone, either"
+        warnings = [_NO_FIT.format(of_readings)]
+        estimate = replace(estimate, verdict=verdict, warnings=warnings)
         return self.by_readings.combined_with(estimate) if self.by_readings else estimate
 
-    def _refits(self, fitted: tuple[int, ...], budget: Budget, fit_s: float) -> tuple[int, int]:
-        """Number of refits to begin, and episodes of each, after a fit that took `fit_s`.
+    def _plan_refits(self, fitted: tuple[int, ...], fit_s: float, budget: Budget) -> RefitPlan:
+        """After a fit of `fitted` episodes and steps that took `fit_s`.
 
-        `fitted`: its episodes, and their steps. A refit that does not end in time is dropped.
-        Refits should resemble the real fit; with fewer episodes they err more. But a few small ones
-        tell more than one or two large ones.
+        A refit that does not end in time is dropped. Refits should resemble the real fit; with
+        fewer episodes they err more. But a few small ones tell more than one or two large ones.
         """
-        (num_episodes, num_steps), (planned, most) = fitted, self.config.num_refits
+        num_episodes, num_steps = fitted
+        config = self.config
         many = min(MANY_EPISODES, num_episodes)
         few = min(FEW_EPISODES, many)
         if budget.is_endless:
-            return planned, few if planned < _ENOUGH_REFITS else many
+            planned = config.planned_refits
+            return RefitPlan(planned, few if planned < _ENOUGH_REFITS else many)
         each_s, film_s = budget.seconds_left / _ENOUGH_REFITS, (num_steps + 1) * self.picture_s
         # A refit may take less time, since no latency is searched for.
-        num = most if budget.seconds_left > _WORTH_BEGINNING * fit_s + few * film_s else 0
-        return num, int(np.clip(each_s / (fit_s / num_episodes + film_s), few, many))
+        is_worth_it = budget.seconds_left > _WORTH_BEGINNING * fit_s + few * film_s
+        episodes = int(np.clip(each_s / (fit_s / num_episodes + film_s), few, many))
+        return RefitPlan(config.most_refits if is_worth_it else 0, episodes)
 
     def _conclude(self, fit: FitResult, bootstrap: Bootstrap) -> tuple[Estimate, np.ndarray]:
         estimate, curves = conclude(

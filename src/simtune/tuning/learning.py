@@ -16,13 +16,14 @@ from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.trajectory import Trajectory
 from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.rounds import SIMULATE, TRAIN_DETECTOR, TRAIN_POSTERIOR_NET
 from simtune.tuning.survival_curves import candidate_grid
 from simtune.tuning.world_sampler import WorldSampler
 
 _NEAR = 2.5  # standard deviations from a start, within which worlds resemble the real one
 
 
-class Learned(NamedTuple):
+class LearningResult(NamedTuple):
     """What a round's networks say, before anything is fitted."""
 
     searched: Distribution  # the range of the simulated worlds
@@ -47,9 +48,14 @@ class Learning:
         """Worlds in the range, which replay the real actions, and pictures of them."""
         config = self.config
         budget.report("simulating and filming")
-        size = config.num_worlds, self._episodes_per_world(real)
-        part = budget.share(config.collect_share)
-        return self.worlds.draw(real, searched, size, config.pictures_per_world, part)
+        return self.worlds.play_and_draw(
+            real,
+            searched,
+            config.num_worlds,
+            self._episodes_per_world(real),
+            config.pictures_per_world,
+            budget.share(config.collect_share, SIMULATE),
+        )
 
     def train_detector(
         self, pictures: TrainingPictures, searched: Distribution, number: int, budget: Budget
@@ -57,18 +63,20 @@ class Learning:
         """In round `number`, counted from 0."""
         config = self.config
         updates = config.detector_updates[min(number, len(config.detector_updates) - 1)]
-        part = budget.share(config.detector_share, (0.1, 0.4))
+        part = budget.share(config.detector_share, TRAIN_DETECTOR)
         clock = TrainingClock(updates, part, "training the detector", config.least_updates)
         return {"loss/detector": self.model.train_detector(pictures, searched, clock)}
 
     def hold_out(self, real: list[Trajectory], searched: Distribution, budget: Budget) -> HeldOut:
         """Other worlds, to measure the detector's errors."""
-        config, part = self.config, budget.share(self.config.collect_share / 2)
-        size = config.held_out_worlds, config.held_out_steps
-        worlds = self.worlds.film(real, searched, *size, part)
+        config = self.config
+        part = budget.share(config.collect_share / 2)
+        worlds = self.worlds.film(
+            real, searched, config.held_out_worlds, config.held_out_steps, part
+        )
         return HeldOut(worlds, self.model.detect(worlds.frames))
 
-    def film_near(self, learned: Learned, start: PointEstimate, budget: Budget) -> HeldOut:
+    def film_near(self, learned: LearningResult, start: PointEstimate, budget: Budget) -> HeldOut:
         """Worlds that resemble the real one, as far as `start` tells; others if those diverge.
 
         A detector's errors depend on colours and light: in all pictures of one peg, two pixels
@@ -80,9 +88,9 @@ class Learning:
         learnt = space.to_unit(searched.low), space.to_unit(searched.high)  # by the detector
         ends = (np.clip(unit + side * _NEAR * start.std, *learnt) for side in (-1, 1))
         near = searched.with_interval(start.parameters, *map(space.from_unit, ends))
-        size = self.config.near_worlds, self.config.near_steps
+        config = self.config
         try:
-            worlds = self.worlds.film(real, near, *size, budget)
+            worlds = self.worlds.film(real, near, config.near_worlds, config.near_steps, budget)
         except NearlyAllDiverged:
             return learned.held_out
         return HeldOut(worlds, self.model.detect(worlds.frames))
@@ -99,9 +107,9 @@ class Learning:
         config, errors = self.config, self.model.detector_errors(*held_out, searched)
         scale = 1 if self.is_fitted else config.no_fit_scale
         if scale > 1:
-            size = config.num_worlds * scale, self._episodes_per_world(real)
-            worlds = self.worlds.play(real, searched, size, budget.share(config.collect_share))
-        part = budget.share(config.posterior_share * scale, (0.4, 0.5))
+            more, part = config.num_worlds * scale, budget.share(config.collect_share)
+            worlds = self.worlds.play(real, searched, more, self._episodes_per_world(real), part)
+        part = budget.share(config.posterior_share * scale, TRAIN_POSTERIOR_NET)
         updates, least = config.posterior_updates * scale, config.least_updates
         clock = TrainingClock(updates, part, "training the posterior network", least)
         loss = self.model.train_posterior_net(worlds, searched, errors, clock)

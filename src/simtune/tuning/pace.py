@@ -26,6 +26,14 @@ _FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # fewer teach a network nothing
 
 
+class RoundTimes(NamedTuple):
+    """Seconds of a first round, and of one of its pictures."""
+
+    least_s: float  # of the smallest sound round
+    whole_s: float
+    picture_s: float  # to draw one, and to detect in it
+
+
 class Work(NamedTuple):
     """Size of a round's work, given the scene and its recordings."""
 
@@ -119,10 +127,10 @@ class Pace:
         fitted = FitWork(episodes * steps, work.num_tangent, work.num_fitted)
         few = min(FEW_EPISODES, episodes)
         refitted = fitted._replace(num_steps=few * steps)
-        pictures_s += config.num_refits[0] * few * (steps + 1) * (self.frame_s + self.detect_s)
+        pictures_s += config.planned_refits * few * (steps + 1) * (self.frame_s + self.detect_s)
         played = sum(count_fit_steps(config.fit, fitted))
         played_again = sum(count_fit_steps(config.fit, refitted))
-        played += config.num_refits[0] * played_again
+        played += config.planned_refits * played_again
         return played_s + _SLOWER * self.step_s * played, pictures_s, trained_s
 
 
@@ -149,7 +157,7 @@ def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:
         detector_updates=(min(least, config.detector_updates[0]),),
         posterior_updates=min(least, config.posterior_updates),
         state_updates=min(least, config.state_updates),
-        num_refits=(min(_FEWEST_REFITS, config.num_refits[0]), config.num_refits[1]),
+        planned_refits=min(_FEWEST_REFITS, config.planned_refits),
         no_fit_scale=1,
         fit=config.fit.least(),
     )

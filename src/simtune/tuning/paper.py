@@ -26,9 +26,9 @@ from simtune.tuning.search import (
     NO_CALLBACKS,
     Callbacks,
     Event,
-    Needed,
     Round,
     SearchContext,
+    TimeNeeded,
 )
 
 _NOT_MOVED = (
@@ -87,9 +87,9 @@ class PaperSearch:
     def stop_reason(self) -> str:
         return "all moves are done" if self.num_moves >= self.config.max_moves else ""
 
-    def measure_time(self, real: list[Trajectory]) -> Needed:
+    def measure_time(self, real: list[Trajectory]) -> TimeNeeded:
         """0: rounds are short, and there are many."""
-        return Needed(0.0, 0.0)
+        return TimeNeeded(0.0, 0.0)
 
     def run_round(
         self,

@@ -2,6 +2,8 @@
 
 A round is sequential neural posterior estimation with a truncated prior, followed by a fit:
 
+    fit the readings            alone, in whole episodes, if there are any; once
+    plan                        how long the round may take, and whether it may be the last
     simulate                    worlds drawn from Ξ replay the real actions; pictures of them
     train the detector          keypoints and visible parameters in single pictures
     train the posterior network survival curves from whole episodes with the detector's errors
@@ -9,6 +11,7 @@ A round is sequential neural posterior estimation with a truncated prior, follow
     fit and judge               test the detector in worlds like the real one; replay the motion,
                                 draw the pictures; a bootstrap widens intervals
     doubt                       if the robot is where no simulated world gets
+    move                        Ξ to where the curves say that the truth is
 """
 
 import math
@@ -24,32 +27,29 @@ from simtune.networks.layers import load_generator, load_weights, under
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
-from simtune.trajectory import Trajectory
-from simtune.tuning.earlier import Earlier
+from simtune.trajectory import Trajectory, in_words
+from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.familiarity import doubted, how_strange
+from simtune.tuning.familiarity import doubted, measure_strangeness
 from simtune.tuning.fit_verdict import conclude_by_networks
 from simtune.tuning.judging import Judging
-from simtune.tuning.learning import Learned, Learning
-from simtune.tuning.pace import Pace, Work, smallest
+from simtune.tuning.learning import Learning, LearningResult
+from simtune.tuning.pace import Pace, RoundTimes, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import doubted_at_edges, update_range
 from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings_first import ReadingsFirst
 from simtune.tuning.rounds import Rounds, half_widths
 from simtune.tuning.search import (
     NO_CALLBACKS,
     Callbacks,
     Event,
-    Needed,
     Round,
     SearchContext,
+    TimeNeeded,
 )
 from simtune.tuning.world_sampler import WorldSampler
 from simtune.vision.detections import Detections
-
-_READINGS_SHARE = 0.35  # of all time, for the fit to readings alone
-# At least, since keypoints of what readings tell are not looked for (`keypoints_of_run`)
-_LEAST_READINGS_SHARE = 0.15
 
 
 class PosteriorSearch:
@@ -83,17 +83,12 @@ class PosteriorSearch:
             config=config,
             is_fitted=context.can_fit,
         )
-        self._full_s = math.inf  # for a whole round, if time is limited
-        self._least_s = 0.0  # for the smallest sound round
-        self._picture_s = 0.0  # to draw and to look at one
+        self._times: RoundTimes | None = None  # measured if time is limited
         # Of an unfinished round, once its detector is trained: metrics, and the state of its
         # worlds' generator, to simulate them again
         self._unfinished: dict[str, Any] | None = None
-        # By joint readings alone, of the episodes before the first round, which come last; a later
-        # session reads the same ones again
-        self._by_readings: ReadingsEstimate | None = None
-        self._num_read = 0
-        self._earlier = Earlier()
+        self._readings_first = ReadingsFirst(context)
+        self._earlier = EarlierRounds()
 
     @property
     def num_rounds(self) -> int:
@@ -111,20 +106,22 @@ class PosteriorSearch:
         lengths = [len(t) for t in real]
         if (steps := min(lengths)) < SHORTEST_STEPS:
             raise InputError(
-                f"episode {lengths.index(steps)}, counted from 0, has {steps} steps; expected at "
-                f"least {SHORTEST_STEPS}: leave it out, or record a longer one"
+                f"{in_words(real, lengths.index(steps))} has {steps} steps; expected at least "
+                f"{SHORTEST_STEPS}: leave it out (--leave-out), or record a longer one"
             )
 
-    def measure_time(self, real: list[Trajectory]) -> Needed:
+    def measure_time(self, real: list[Trajectory]) -> TimeNeeded:
         """See `Search`."""
         pace = Pace.measure(self.context, self.model, self.first)
         can_fit, least = self.context.can_fit, smallest(self.config)
         work = Work.of(self.context.simulator, real, can_fit)
-        self._full_s = pace.round_s(self.config, work)
-        self._least_s = pace.round_s(least, work)
-        self._picture_s = pace.frame_s + pace.detect_s
+        self._times = times = RoundTimes(
+            least_s=pace.round_s(least, work),
+            whole_s=pace.round_s(self.config, work),
+            picture_s=pace.frame_s + pace.detect_s,
+        )
         check_s = pace.check_s(work, bool(self.context.observation.sensors)) * can_fit
-        return Needed(self._least_s, self._full_s, check_s, pace.mostly(least, work))
+        return TimeNeeded(times.least_s, times.whole_s, check_s, pace.mostly(least, work))
 
     def run_round(
         self,
@@ -132,17 +129,21 @@ class PosteriorSearch:
         budget: Budget,
         callbacks: Callbacks = NO_CALLBACKS,
     ) -> Round:
-        """Simulate, train the detector and the posterior network, estimate, fit and judge."""
-        real = self._fit_readings(real, budget)
-        budget, may_be_last = self._plan(real, budget)
+        """See the top of this file."""
+        least_s = self._times.least_s if self._times else 0.0
+        by_readings = self._readings_first.fit(real, least_s, budget)
+        if by_readings:
+            self.distribution = by_readings.narrowed(self.distribution)
+            real = by_readings.without_delay(real)
+        budget, is_last = self._plan(real, budget)
         learned, metrics = self._learn(real, budget, callbacks.save)
-        estimate, curves = self._judge(learned, may_be_last, budget, callbacks)
+        estimate, curves = self._judge(learned, by_readings, is_last, budget, callbacks)
         estimate, events = self._move(estimate, curves, learned.searched)
         return Round(estimate, events, metrics)
 
     def _learn(
         self, real: list[Trajectory], budget: Budget, save: Callable[[], None]
-    ) -> tuple[Learned, dict[str, float]]:
+    ) -> tuple[LearningResult, dict[str, float]]:
         """Simulate, and train the networks; also returns what is to be logged.
 
         `save` is called once the detector is trained.
@@ -159,14 +160,18 @@ class PosteriorSearch:
         metrics = learning.train_posterior_net(real, worlds, held_out, searched, budget)
         detected = learning.detect(real)  # before a fit is sized by the time that is left
         curves = learning.curves(detected, searched)
-        learned = Learned(searched, worlds.keypoints, held_out, detected, curves)
+        learned = LearningResult(searched, worlds.keypoints, held_out, detected, curves)
         return learned, self._unfinished["metrics"] | metrics
 
     def _judge(
-        self, learned: Learned, may_be_last: bool, budget: Budget, callbacks: Callbacks
+        self,
+        learned: LearningResult,
+        by_readings: ReadingsEstimate | None,
+        is_last: bool,
+        budget: Budget,
+        callbacks: Callbacks,
     ) -> tuple[Estimate, np.ndarray]:
         """Fit and judge, where that is possible; doubt. Also returns the (N, C) curves."""
-        by_readings = self._by_readings
         if self.context.can_fit:
             judging = Judging.prepare(
                 self.context,
@@ -175,16 +180,15 @@ class PosteriorSearch:
                 by_readings,
                 self._earlier,
                 budget,
-                self._picture_s,
+                self._times.picture_s if self._times else 0.0,
             )
-            estimate, curves = judging.judge(may_be_last, budget, callbacks)
-            self._earlier = judging.earlier
+            estimate, curves, self._earlier = judging.judge(is_last, budget, callbacks)
         else:
             config = self.config.range_update
             estimate, curves = conclude_by_networks(learned, self.context, config)
         if by_readings is None or not by_readings.is_used:
-            strange = how_strange(learned.keypoints, learned.held_out, learned.detected)
-            estimate = doubted(estimate, strange)
+            strangeness = measure_strangeness(learned.keypoints, learned.held_out, learned.detected)
+            estimate = doubted(estimate, strangeness)
         return estimate, curves
 
     def _move(
@@ -206,28 +210,11 @@ class PosteriorSearch:
         self._unfinished = None
         return estimate, events
 
-    def _fit_readings(self, real: list[Trajectory], budget: Budget) -> list[Trajectory]:
-        """Fit readings alone; returns trajectories, with actions when they took effect."""
-        if not self.context.can_fit:
-            return real
-        left = budget.seconds_left
-        spare = max(left - self._least_s, _LEAST_READINGS_SHARE * left)
-        seconds = left if budget.is_endless else min(_READINGS_SHARE * left, spare)
-        if self._by_readings is None:
-            part = budget.part(seconds, (0.0, 0.1), "readings: ")
-            self._num_read = self._num_read or len(real)
-            first = real[-self._num_read :]
-            self._by_readings = ReadingsEstimate.fitted(self.context, first, part)
-        if self._by_readings is None:
-            return real
-        self.distribution = self._by_readings.narrowed(self.distribution)
-        return self._by_readings.without_delay(real)
-
     def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
         """The present round's part of the budget, and whether the round may be the last one."""
-        if not budget.is_endless and math.isinf(self._full_s):
+        if not budget.is_endless and self._times is None:
             self.measure_time(real)
-        return self._rounds.plan(budget, self._full_s)
+        return self._rounds.plan(budget, self._times.whole_s if self._times else math.inf)
 
     def detect(self, frames: np.ndarray) -> Detections:
         return self.model.detect(frames)
@@ -239,10 +226,13 @@ class PosteriorSearch:
 
     def state(self) -> dict[str, Any]:
         rng = (self._unfinished or {}).get("rng") or self._learning.worlds.rng.bit_generator.state
-        changing = {"distribution": self.distribution.state(), "rng": rng}
-        changing |= {"unfinished": self._unfinished, "earlier": self._earlier.to_json()}
-        changing["num_read"] = self._num_read
-        return self._rounds.state() | changing
+        return self._rounds.state() | {
+            "distribution": self.distribution.state(),
+            "rng": rng,
+            "unfinished": self._unfinished,
+            "earlier": self._earlier.to_json(),
+            "readings_first": self._readings_first.state(),
+        }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         load_weights(self.model.detector, under("detector.", tensors), "detector")
@@ -251,8 +241,9 @@ class PosteriorSearch:
         self._rounds.load(state)
         self.distribution = self.distribution.with_state(state["distribution"])
         self._learning.worlds.rng.bit_generator.state = state["rng"]
-        self._unfinished, self._num_read = state["unfinished"], state["num_read"]
-        self._earlier = Earlier.from_json(state["earlier"])
+        self._unfinished = state["unfinished"]
+        self._earlier = EarlierRounds.from_json(state["earlier"])
+        self._readings_first.load(state["readings_first"])
 
 
 def _check_shown(context: SearchContext) -> None:

@@ -36,4 +36,5 @@ class PosteriorSearchConfig:
     detector_share: float = 0.27
     posterior_share: float = 0.04
     state_share: float = 0.05
-    num_refits: tuple[int, int] = (5, 8)  # bootstrap: planned, at most
+    planned_refits: int = 5  # of known worlds, by the parametric bootstrap
+    most_refits: int = 8  # if there is time

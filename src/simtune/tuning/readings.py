@@ -12,7 +12,7 @@ single round:
 """
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,35 +20,23 @@ import torch
 
 from simtune.budget import Budget
 from simtune.errors import InputError
-from simtune.fit import MOST_EPISODES, Lateness, OpenLoopReplay, OutputError, Readings
-from simtune.fit.lateness import is_too_late
+from simtune.fit import MOST_EPISODES, Lateness, OpenLoopReplay, OutputErrorMethod, Readings
 from simtune.observation import finds_offset
 from simtune.simulation import Simulator
-from simtune.trajectory import Trajectory
-from simtune.tuning.estimate import at_most_weak
+from simtune.trajectory import Trajectory, in_words
 from simtune.tuning.pace import slow_steps
-from simtune.tuning.readings_fits import (
-    FEWEST_STEPS,
-    BestDescent,
-    Horizons,
-    ReadingsFits,
-    unexplained,
-)
-from simtune.tuning.readings_verdict import conclude
+from simtune.tuning.readings_fits import FEWEST_STEPS, BestDescent, Horizons, ReadingsFits
+from simtune.tuning.readings_verdict import ReadingsFit, conclude
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
     NO_CALLBACKS,
     Callbacks,
     Event,
-    Needed,
     Round,
     SearchContext,
+    TimeNeeded,
 )
 
-_UNSEEN = (
-    "Where {} begins no sensor measures, and it differs from episode to episode: readings alone "
-    "cannot be replayed from there. Measure it, or look at a camera as well."
-)
 _JUDGING = 0.15  # of the time left for whole episodes
 # Times relative to derivatives of whole episodes: judging, a search, what check would say
 _JUDGED, _WHOLE_SEARCH, _CHECKED = 1.2, 15.0, 1.5
@@ -79,36 +67,29 @@ class ReadingsSearch:
         self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = context.first
         self.stop_reason = ""
-        # Whether two fits agree, and residuals match the declared noise; whether no delay is left
-        # that the fit cannot describe, and other parameters may have taken its place
-        self.is_trusted = self.is_in_time = False
         self._derived_s = 0.0  # seconds of all derivatives of whole episodes, once measured
 
     def check(self, real: list[Trajectory]) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
         lengths = [len(trajectory) for trajectory in real]
         if (steps := min(lengths, default=0)) < FEWEST_STEPS:
-            got = (
-                f"episode {lengths.index(steps)}, counted from 0, has {steps}"
-                if real
-                else "got none"
-            )
+            got = f"{in_words(real, lengths.index(steps))} has {steps}" if real else "got none"
             raise InputError(f"episodes must last at least {FEWEST_STEPS} steps; {got}")
 
-    def measure_time(self, real: list[Trajectory]) -> Needed:
+    def measure_time(self, real: list[Trajectory]) -> TimeNeeded:
         """The smallest sound round derives once at each horizon, and twice in whole episodes."""
         readings, loop = self._look_at(real)
-        unit, fit = self._begin(loop), self._fit(loop)
-        stretches = loop.cut(readings, unit, np.zeros(loop.measured.num_readings), 10**9, 10**9)
+        unit, method = self._begin(loop), self._method(loop)
+        stretches = loop.cut(readings, unit, np.zeros(loop.measured.num_readings))
         began_s = time.monotonic()
         loop.play(stretches, stretches.states[None], unit[None])
         once_s, steps = time.monotonic() - began_s, sum(map(len, real))
-        self._derived_s = fit.num_worlds * once_s
+        self._derived_s = method.num_worlds * once_s
         horizons = self.config.horizons.growing
         grown = sum(min(h.seconds / self._simulator.step_s * h.stretches, steps) for h in horizons)
         least_s = (grown / steps + 2) * self._derived_s
         checked = _CHECKED * min(1.0, MOST_EPISODES / len(real))
-        return Needed(
+        return TimeNeeded(
             least_s,
             max(least_s, _WHOLE_SEARCH * self._derived_s),
             checked * self._derived_s,
@@ -121,47 +102,41 @@ class ReadingsSearch:
         budget: Budget,
         callbacks: Callbacks = NO_CALLBACKS,
     ) -> Round:
-        """Fit, and judge."""
-        if not (budget.is_endless or self._derived_s):
-            self.measure_time(real)
-        readings, loop = self._look_at(real)
-        seen, fit = self._context.observation, self._fit(loop)
-        found, late = self._find(fit, readings, budget)
-        budget.report("judging how sure that is", 0.9)
-        judged = fit.judge(found.best, budget)
-        is_explained = not unexplained(judged.noise, loop.sensors).any()
-        self.is_in_time = not is_too_late(judged.late_steps[0])
-        is_explained = bool(is_explained) and self.is_in_time
-        self.is_trusted = found.is_sure and is_explained and not loop.unseen
-        estimate, self.distribution = conclude(
-            judged, found, self.first, seen, late, self._simulator.step_s
-        )
-        if loop.unseen:
-            warning = _UNSEEN.format(", ".join(loop.unseen))
-            estimate = replace(
-                estimate,
-                verdict=at_most_weak(estimate.verdict),
-                warnings=[*estimate.warnings, warning],
-            )
-        precision = self.config.precision
-        is_known = is_precise(half_widths(estimate, self.first), precision) and found.is_sure
+        """Fit; whether another round may tell more depends on how sure that is."""
+        fit = self.fit(real, budget)
+        self.distribution = fit.distribution
+        precision, found = self.config.precision, fit.found
+        is_known = is_precise(half_widths(fit.estimate, self.first), precision) and found.is_sure
         if precision and is_known:
             self.stop_reason = f"every parameter is known to {100 * precision:g} %"
         elif found.is_sure or found.num_fits >= self.config.horizons.most_fits:
             self.stop_reason = "another round would tell hardly more"  # else more fits may agree
-        rms = zip(seen.reading_labels, judged.noise, strict=True)
-        return Round(estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
+        rms = zip(self._context.observation.reading_labels, fit.noise, strict=True)
+        return Round(fit.estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
+
+    def fit(self, real: list[Trajectory], budget: Budget) -> ReadingsFit:
+        """Fit, from what the last round found if there was one, and judge."""
+        if not (budget.is_endless or self._derived_s):
+            self.measure_time(real)
+        readings, loop = self._look_at(real)
+        method = self._method(loop)
+        found, late = self._find(method, readings, budget)
+        budget.report("judging how sure that is", 0.9)
+        judged, step_s = method.judge(found.best, budget), self._simulator.step_s
+        seen = self._context.observation
+        return conclude(judged, found, self.first, seen, late, step_s, loop.unseen)
 
     def _find(
-        self, fit: OutputError, readings: Readings, budget: Budget
+        self, method: OutputErrorMethod, readings: Readings, budget: Budget
     ) -> tuple[BestDescent, int]:
         """The best of several fits, and the number of steps by which actions are late."""
         space, step_s, seed = self.first.space, self._simulator.step_s, self._context.seed
-        begin, (low, high) = fit.prior, (fit.prior.copy(), fit.prior.copy())
-        moving = np.flatnonzero(~space.is_appearance)
-        for end, bound in ((low, self.first.low), (high, self.first.high)):
-            end[moving] = space.to_unit(bound)[moving]
-        fits = ReadingsFits(fit, readings, step_s, (low, high), self.config.horizons, seed)
+        begin, num = method.prior, len(space)
+        low, high = (  # what is not searched stays: what pictures show, and a lateness
+            np.append(np.where(space.is_appearance, begin[:num], space.to_unit(end)), begin[num:])
+            for end in (self.first.low, self.first.high)
+        )
+        fits = ReadingsFits(method, readings, step_s, (low, high), self.config.horizons, seed)
         guesses, late = fits.begin(begin), 0
         if self._may_be_late:
             part = budget.part(budget.seconds_left / 4, (0.0, 0.1))
@@ -173,8 +148,8 @@ class ReadingsSearch:
         part = budget.part(searching_s, (0.4, 0.9))
         return fits.fit_until_two_agree(ended, late, part), late
 
-    def _fit(self, loop: OpenLoopReplay) -> OutputError:
-        return OutputError(loop, finds_offset(loop.sensors), self._begin(loop))
+    def _method(self, loop: OpenLoopReplay) -> OutputErrorMethod:
+        return OutputErrorMethod(loop, finds_offset(loop.sensors), self._begin(loop))
 
     def _begin(self, loop: OpenLoopReplay) -> np.ndarray:
         """(N,) first guess in unit coordinates, with a lateness of 0 if that is unknown.

@@ -24,7 +24,8 @@ from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.estimate import Estimate, at_most_weak
-from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
+from simtune.tuning.readings import ReadingsSearch
+from simtune.tuning.readings_verdict import ReadingsFit
 from simtune.tuning.search import SearchContext
 
 _CONTRADICTION = (
@@ -41,21 +42,12 @@ _CONTRADICTS = 3.0
 class ReadingsEstimate:
     """An estimate from readings, and which of its parameters are held."""
 
-    def __init__(
-        self,
-        estimate: Estimate,
-        distribution: Distribution,
-        is_trusted: bool,
-        joints: JointMotion | None = None,
-        is_in_time: bool = True,
-    ):
-        """`distribution`: the range that the estimate leaves; `is_trusted`: whether two fits agree,
-        and explain readings as well as the tuning file declares; `joints`: if everything is read
-        but loose objects; `is_in_time`: whether no delay may pass for something else.
-        """
-        self._estimate, self._range, self.joints = estimate, distribution, joints
+    def __init__(self, fit: ReadingsFit, joints: JointMotion | None = None):
+        """`joints`: if everything is read but loose objects."""
+        estimate = fit.estimate
+        self._estimate, self._range, self.joints = estimate, fit.distribution, joints
         # Whether the readings have a say, as in how late actions are
-        self.is_used = is_trusted or (joints is not None and is_in_time)
+        self.is_used = fit.is_trusted or (joints is not None and fit.is_in_time)
         enough = ("identified",) if joints is None else ("identified", "weak")
         is_known = np.array([verdict in enough for verdict in estimate.verdict])
         self.is_held = is_known & self.is_used  # (N,)
@@ -82,12 +74,10 @@ class ReadingsEstimate:
         joints = None
         if loop.measured.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
-        search = ReadingsSearch(context, ReadingsConfig(precision=0.0))
+        search = ReadingsSearch(context)
         if not budget.is_endless and search.measure_time(real).least_s > budget.seconds_left:
             return None
-        estimate = search.run_round(real, budget).estimate
-        found = estimate, search.distribution, search.is_trusted
-        return cls(*found, joints, search.is_in_time)
+        return cls(search.fit(real, budget), joints)
 
     def fit_config(self, config: FitConfig) -> FitConfig:
         """How to fit what readings leave open."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import Descent, Guess, Lateness, OutputError, Readings, ReplayStage
+from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings, ReplayStage
 from simtune.observation import JointSensor, declared_noise
 
 FEWEST_STEPS = 8
@@ -69,7 +69,7 @@ class ReadingsFits:
 
     def __init__(
         self,
-        fit: OutputError,
+        method: OutputErrorMethod,
         readings: Readings,
         step_s: float,
         bounds: tuple[np.ndarray, np.ndarray],
@@ -79,10 +79,10 @@ class ReadingsFits:
         """`bounds`: (N,) low and high of the starts, in unit coordinates; equal for a parameter
         that only pictures show.
         """
-        self._fit, self._readings, self._step_s, self._seed = fit, readings, step_s, seed
+        self._method, self._readings, self._step_s, self._seed = method, readings, step_s, seed
         self._bounds, self._horizons = bounds, horizons
         # The first descent of each stage, by (steps, at_most): others begin with its derivatives
-        self._near = dict[tuple[int, int], Descent]()
+        self._near = dict[tuple[int | None, int | None], Descent]()
 
     def begin(self, first_guess: np.ndarray) -> list[Guess]:
         """The first guess, (N,) in unit coordinates, and random ones for the first horizon."""
@@ -112,9 +112,9 @@ class ReadingsFits:
                 if two_agree(ended) and budget.spent > _HURRY:
                     break
                 near = self._near.get(stretches := (stage.steps, stage.at_most))
-                ended.append(self._fit.descend(readings, guess, stage, budget, near))
+                ended.append(self._method.descend(readings, guess, stage, budget, near))
                 self._near.setdefault(stretches, ended[0])
-            ended.sort(key=lambda descent: descent.cost)
+            ended.sort(key=lambda descent: descent.log_rms)
             guesses = [descent.guess for descent in ended]
         return ended
 
@@ -129,24 +129,24 @@ class ReadingsFits:
         grown = self.grow([guess], budget, to_s=_LATE.seconds)[0]
         stage = self._stage(_LATE, self._horizons.late_iterations)
         longest = most_delayed(self._step_s) - 1
-        best = self._fit.descend(self._readings, grown.guess, stage, budget, grown)
+        best = self._method.descend(self._readings, grown.guess, stage, budget, grown)
         steps = 0
         for number in range(1, longest + 1):
             budget.report("looking for a delay", number / longest)
             late = self._readings.delayed(number)
             begin = self._sooner(best.guess, number - steps)
-            descent = self._fit.descend(late, begin, stage, budget, best)
-            if descent.cost < best.cost - _CLEARLY_BETTER:
+            descent = self._method.descend(late, begin, stage, budget, best)
+            if descent.log_rms < best.log_rms - _CLEARLY_BETTER:
                 best, steps = descent, number
             elif number > steps + 2 or budget.is_over:
                 break
-        left = float(Lateness.steps(best.unit[-1])) if self._fit.has_lateness else 0.0
+        left = float(Lateness.steps(best.unit[-1])) if self._method.has_lateness else 0.0
         more = int(left > _MOST_LEFT) - int(left < -_MOST_LEFT and steps > 0)
         return self._sooner(best.guess, more), steps + more
 
     def _sooner(self, guess: Guess, steps: int) -> Guess:
         """With so many steps less of a lateness, if that is fitted."""
-        if not self._fit.has_lateness:
+        if not self._method.has_lateness:
             return guess
         lateness = Lateness.shifted(guess.unit[-1], steps)
         return guess._replace(unit=np.append(guess.unit[:-1], lateness))
@@ -159,12 +159,12 @@ class ReadingsFits:
         noise, those are the result. A simulator that lacks something must fit whole episodes.
         """
         readings = self._readings.delayed(late)
-        stage = ReplayStage(0, self._horizons.whole_iterations, 10**9)
+        stage = ReplayStage(self._horizons.whole_iterations)
         rng, fits, took_s = np.random.default_rng((self._seed, 1)), list[Descent](), 0.0
         most = _FEW_FITS if self._is_enough(ended) else self._horizons.most_fits
         while len(fits) < most:
-            best = min(fits, key=lambda descent: descent.cost, default=None)
-            if best and two_agree(fits) and not unexplained(best.noise, self._fit.sensors).any():
+            best = min(fits, key=lambda descent: descent.log_rms, default=None)
+            if best and two_agree(fits) and not unexplained(best.noise, self._method.sensors).any():
                 break
             if best and not (budget.is_endless or budget.seconds_left > took_s):
                 break
@@ -172,21 +172,23 @@ class ReadingsFits:
             left_s = budget.seconds_left
             # Next to the best, since other candidates may lie elsewhere in the same valley
             guess = self._start_near(best, rng, len(fits) <= _TOGETHER) if best else ended[0].guess
-            fits.append(self._fit.descend(readings, guess, stage, budget, best))
+            fits.append(self._method.descend(readings, guess, stage, budget, best))
             took_s = took_s or left_s - budget.seconds_left
         is_whole = two_agree(fits) or not self._is_enough(ended)
         return self._found(fits if is_whole else ended, is_whole)
 
     def _is_enough(self, ended: list[Descent]) -> bool:
         """Whether two descents at the last horizon agree and leave little more than noise."""
-        noise = min(ended, key=lambda descent: descent.cost).noise
-        declared = declared_noise(self._fit.sensors)
+        noise = min(ended, key=lambda descent: descent.log_rms).noise
+        declared = declared_noise(self._method.sensors)
         left = noise < _LITTLE_MORE * declared
         return two_agree(ended) and bool((left & np.isfinite(declared)).all())
 
     def _found(self, fits: list[Descent], is_whole: bool) -> BestDescent:
-        best = min(fits, key=lambda descent: descent.cost)
-        as_good = [descent.unit for descent in fits if descent.cost < best.cost + _CLEARLY_BETTER]
+        best = min(fits, key=lambda descent: descent.log_rms)
+        as_good = [
+            descent.unit for descent in fits if descent.log_rms < best.log_rms + _CLEARLY_BETTER
+        ]
         differences = (as_good - best.unit)[:, self._moving] / 2
         apart = np.take_along_axis(differences, np.abs(differences).argmax(0)[None], 0)[0]
         return BestDescent(best, apart, two_agree(fits), len(fits), is_whole)
@@ -204,7 +206,7 @@ class ReadingsFits:
 
     def _stage(self, horizon: Horizon, iterations: int) -> ReplayStage:
         steps = max(FEWEST_STEPS, round(horizon.seconds / self._step_s))
-        return ReplayStage(steps, iterations, horizon.stretches)
+        return ReplayStage(iterations, steps, horizon.stretches)
 
 
 def most_delayed(step_s: float) -> int:
@@ -213,9 +215,9 @@ def most_delayed(step_s: float) -> int:
 
 
 def two_agree(fits: Sequence[Descent]) -> bool:
-    """Whether the two best have nearly the same cost."""
-    costs = sorted(descent.cost for descent in fits)
-    return len(costs) > 1 and costs[1] < costs[0] + _CLEARLY_BETTER
+    """Whether the two best leave nearly the same residuals."""
+    found = sorted(descent.log_rms for descent in fits)
+    return len(found) > 1 and found[1] < found[0] + _CLEARLY_BETTER
 
 
 def unexplained(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:

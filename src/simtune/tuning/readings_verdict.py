@@ -1,6 +1,8 @@
 """Turns fits to joint readings into an estimate with intervals and warnings."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +15,7 @@ from simtune.fit import (
     too_late_warning,
 )
 from simtune.fit.lateness import is_too_late
-from simtune.fit.readings.replay_cost import PRIOR_STD
+from simtune.fit.readings.replay_objective import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
 from simtune.normal import STDS_90
 from simtune.observation import ObservationModel, declared_noise, joints_of, usual_noise
@@ -55,6 +57,24 @@ _UNEXPLAINED = (
     "model lacks something, or the search ended beside the truth. Intervals count what is left, "
     "not why, so what mainly these readings show is not called identified."
 )
+_UNSEEN = (
+    "Where {} begins no sensor measures, and it differs from episode to episode: readings alone "
+    "cannot be replayed from there. Measure it, or look at a camera as well."
+)
+
+
+class ReadingsFit(NamedTuple):
+    """What D readings tell of parameters, and how far that can be trusted."""
+
+    estimate: Estimate
+    distribution: Distribution  # the part of the first range in which curves are drawn
+    # Whether two fits agree, readings say where all joints begin, no more is left than the tuning
+    # file declares, and `is_in_time`
+    is_trusted: bool
+    # Whether no delay is left that the fit cannot describe: other parameters would take its place
+    is_in_time: bool
+    found: BestDescent
+    noise: np.ndarray  # (D,) root mean square of the residuals
 
 
 def conclude(
@@ -64,18 +84,20 @@ def conclude(
     observation: ObservationModel,
     late: int,
     step_s: float,
-) -> tuple[Estimate, Distribution]:
-    """The estimate, and the part of the `first` range in which its curves are drawn.
+    unseen: Sequence[str] = (),
+) -> ReadingsFit:
+    """What a fit within the `first` range tells, and how far it can be trusted.
 
-    `late`: steps by which actions were found to be late.
+    `late`: steps by which actions were found to be late; `unseen`: joints that begin anywhere and
+    that no sensor measures.
     """
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     space = first.space
     std, correlation = _errors(judged, found, space, observation)
     read, seen = _read(judged.unit, std, first)
-    is_late = is_too_late(judged.late_steps[0])
+    is_in_time = not is_too_late(judged.late_steps[0])
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
-    is_sure = found.is_sure and not is_late
+    is_sure = found.is_sure and is_in_time and not unseen
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
     off = unexplained(judged.noise, joints_of(observation.sensors))
     doubtful[~space.is_appearance] |= judged.shares[:, off].sum(1) > _MAINLY
@@ -88,16 +110,18 @@ def conclude(
         warnings=[
             *latency_warning(late),
             *lateness_warning("readings", *late_s),
-            *([too_late_warning("Readings", late_s[0])] if is_late else []),
-            *_warnings(judged, found, observation),
+            *([] if is_in_time else [too_late_warning("Readings", late_s[0])]),
+            *_warnings(judged.noise, off, found, observation),
             *at_bounds.values(),
+            *([_UNSEEN.format(", ".join(unseen))] if unseen else []),
         ],
         start=judged.start.tolist(),
         latency_steps=late,
         readings_late_s=late_s,
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )
-    return estimate, seen
+    is_trusted = is_sure and not off.any()
+    return ReadingsFit(estimate, seen, is_trusted, is_in_time, found, judged.noise)
 
 
 def _read(unit: np.ndarray, std: np.ndarray, first: Distribution) -> tuple[Estimate, Distribution]:
@@ -172,8 +196,9 @@ def _along_sums(
 
 
 def _warnings(
-    judged: OutputErrorFit, found: BestDescent, observation: ObservationModel
+    noise: np.ndarray, off: np.ndarray, found: BestDescent, observation: ObservationModel
 ) -> list[str]:
+    """Of how fits ended, and of readings that are `off`, (D,) bool, or may be."""
     warnings = []
     if not found.is_whole:
         warnings.append(_BY_STRETCHES)
@@ -183,8 +208,7 @@ def _warnings(
     sensors = joints_of(observation.sensors)
     is_declared = np.isfinite(declared_noise(sensors))
     is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
-    off = unexplained(judged.noise, sensors)
-    far = judged.noise > FAR_MORE * usual_noise(sensors)
+    far = noise > FAR_MORE * usual_noise(sensors)
     untested = far & ~is_declared & is_place  # what is usual of speeds differs too much
     for said, which in ((_UNEXPLAINED, off), (_UNTESTED, untested)):
         labels = [n for n, is_it in zip(observation.reading_labels, which, strict=True) if is_it]

@@ -1,6 +1,7 @@
 """How long a round may take, and when another one is not worth its time."""
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,10 @@ from simtune.budget import Budget
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate
 
+# The parts of a round, as spans of its progress bar
+SIMULATE, TRAIN_DETECTOR, TRAIN_POSTERIOR_NET, TRAIN_ESTIMATOR, FIT, FIT_AGAIN, REFIT = pairwise(
+    (0.0, 0.1, 0.4, 0.5, 0.55, 0.6, 0.65, 1.0)
+)
 _LONGER = 1.5  # longest later round, relative to a whole first one
 _MAY_BE_ZERO = 0.1  # of the range: half-widths of what is nearer to 0 are not relative to that
 _WORTHWHILE = 0.8  # ratio of interval widths between rounds below which it pays to go on

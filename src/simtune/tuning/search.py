@@ -28,7 +28,7 @@ class Event:
     reason: str
 
 
-class Needed(NamedTuple):
+class TimeNeeded(NamedTuple):
     """Approximate seconds of a search's rounds on this machine, under its present load."""
 
     least_s: float  # of the smallest sound round
@@ -93,7 +93,7 @@ class Search(Protocol):
         """Why another round would gain nothing; empty while it would."""
         ...
 
-    def measure_time(self, real: list[Trajectory]) -> Needed:
+    def measure_time(self, real: list[Trajectory]) -> TimeNeeded:
         """How long rounds with these episodes would take, which `run_round` will keep in mind.
 
         A measurement of a second or two.

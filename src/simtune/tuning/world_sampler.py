@@ -24,11 +24,12 @@ class WorldSampler:
         self,
         real: list[Trajectory],
         searched: Distribution,
-        size: tuple[int, int],
+        num_worlds: int,
+        num_episodes: int,
         budget: Budget,
     ) -> SimulatedWorlds:
-        """Worlds without pictures; `size`: (worlds, episodes of each)."""
-        played = budget.each(self._play(real, searched, *size))
+        """Worlds of `num_episodes` each, without pictures."""
+        played = budget.each(self._play(real, searched, num_worlds, num_episodes))
         return SimulatedWorlds.joined([p.unfilmed() for p in played])
 
     def film(
@@ -43,17 +44,18 @@ class WorldSampler:
         num_frames, played = self._affordable(num_frames), self._play(real, searched, num_worlds, 1)
         return SimulatedWorlds.joined([p.filmed(num_frames, self.rng) for p in budget.each(played)])
 
-    def draw(
+    def play_and_draw(
         self,
         real: list[Trajectory],
         searched: Distribution,
-        size: tuple[int, int],
+        num_worlds: int,
+        num_episodes: int,
         num_pictures: int,
         budget: Budget,
     ) -> tuple[SimulatedWorlds, TrainingPictures]:
         """The same as `play`, and `num_pictures` for each world."""
         worlds, pictures = [], []
-        for played in budget.each(self._play(real, searched, *size)):
+        for played in budget.each(self._play(real, searched, num_worlds, num_episodes)):
             num = len(played.whole) * self._affordable(num_pictures)
             worlds.append(played.unfilmed())
             pictures.append(TrainingPictures.draw(played, searched, num, self.rng))

@@ -28,7 +28,7 @@ class LinearizationPoint:
     damping: np.ndarray  # (W,) Levenberg-Marquardt damping of the states' steps
     variance: float  # of the parameters between windows
     step_scale: float = 1.0  # share of a parameter step that is taken
-    # (Q,) common errors, see `common_errors`; (0,): none yet
+    # (Q,) common errors, see `common_errors`
     common: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 

@@ -25,7 +25,6 @@ from simtune.fit.motion.windows import Windows, cut, even_length, not_longer
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 
-_STATES_ONLY = 3.0  # above this blur only the states move
 _FIRST_DAMPING = 1e-2
 # Iterations: the actuator state at a window's start also depends on the lag
 _DERIVED_EVERY_WITH_LAGS = 2
@@ -163,7 +162,10 @@ class Shooting:
         windows, hessian = whole, None
         covariance = np.zeros((len(self._step.fitted),) * 2)
         damping = np.full(len(whole.states), _FIRST_DAMPING)
-        point = LinearizationPoint(whole.states.copy(), unit, damping, FIRST_VARIANCE)
+        no_errors = np.zeros(len(directions(whole.evidence)))
+        point = LinearizationPoint(
+            whole.states.copy(), unit, damping, FIRST_VARIANCE, common=no_errors
+        )
         period = _DERIVED_EVERY_WITH_LAGS if self._lags else DERIVED_EVERY
         for stage in stages:
             windows = whole.first(stage.window)
@@ -171,11 +173,11 @@ class Shooting:
             slopes = None
             for iteration in range(stage.iterations):
                 share = 1.0 if iteration < _FULL_STEPS else 0.5
-                share = 0.0 if stage.blur > _STATES_ONLY else share
+                share = 0.0 if stage.states_only else share
                 if slopes is None or iteration % period == 0:
                     windows = replay.renewed(windows, point.unit)
                     slopes = self._step.player.differentiate(windows, point)
-                taken = self._step.take(windows, point, slopes, share, stage.blur)
+                taken = self._step.take(windows, point, slopes, share, stage)
                 point, covariance, predicted, hessian = taken
                 slopes = slopes._replace(predicted=predicted)
         return _Ended(windows, point, covariance, hessian)
@@ -188,8 +190,7 @@ class Shooting:
         late_steps, late_std = Lateness.found(point.unit[late], covariance[num:, num:])
         full_states, predicted = player.play(windows, point.states[None], point.unit[None])
         count = predicted.shape[2] * evidence.num_observations  # of a window
-        if len(point.common):
-            predicted = predicted + point.common @ directions(evidence)
+        predicted = predicted + point.common @ directions(evidence)
         return ShootingFit(
             unit=point.unit[fitted],
             covariance=covariance[:num, :num],

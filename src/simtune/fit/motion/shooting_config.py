@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 DERIVED_EVERY = 3  # iterations (the chord method): derivatives cost most, and change slowly
 _LATE_BLUR = 3.0
+_LAST_PRIOR = 10.0
 _TRIED = 2  # worlds per iteration, to check whether its step lowers the cost
 
 
@@ -12,6 +13,14 @@ class Stage(NamedTuple):
     window: int  # steps
     iterations: int
     blur: float = 1.0  # factor on the noise
+    states_only: bool = False  # parameters stay as they are
+
+    @property
+    def prior_factor(self) -> float:
+        """On the standard deviation of first guesses at states."""
+        # Without blur first guesses count little: they come from worlds with other parameters, so
+        # they pull the parameters towards these, and make the fit too certain.
+        return _LAST_PRIOR if self.blur <= 1 else 1.0
 
 
 class Spans(NamedTuple):
@@ -24,7 +33,11 @@ class Spans(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class ShootingConfig:
     # First short and blurred, to bring the states near from far away.
-    stages: tuple[Stage, ...] = (Stage(4, 6, 6.0), Stage(8, 3, 2.0), Stage(12, 6))
+    stages: tuple[Stage, ...] = (
+        Stage(4, 6, 6.0, states_only=True),
+        Stage(8, 3, 2.0),
+        Stage(12, 6),
+    )
     # Windows of about so many steps (see `even_length`), if short ones do not tell enough
     longer: tuple[int, ...] = (24, 48, 96)
     longer_iterations: int = 5  # blurred, and as many that are not
@@ -40,7 +53,7 @@ class ShootingConfig:
         """
         return replace(
             self,
-            stages=(Stage(12, 3, 6.0), Stage(25, 6, 3.0), Stage(50, 8)),
+            stages=(Stage(12, 3, 6.0, states_only=True), Stage(25, 6, 3.0), Stage(50, 8)),
             longer=(),
             num_windows=self.num_windows // 3,
             spans=Spans(state=0.3, unit=4.0),

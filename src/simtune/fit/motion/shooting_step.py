@@ -16,14 +16,11 @@ from simtune.fit.motion.linearization import (
     diagonal,
     ridged,
 )
-from simtune.fit.motion.shooting_config import Spans
+from simtune.fit.motion.shooting_config import Spans, Stage
 from simtune.fit.motion.windows import Windows
 from simtune.fit.physics import Physics
 
 _PRIOR = 3.0  # factor on the std of first guesses: the estimator overstates its accuracy
-# A further factor in stages without blur: guesses come from worlds with other parameters, so they
-# pull the parameters towards these, and make the fit too certain.
-_LAST_PRIOR = 10.0
 _LARGEST_STEP = 0.12  # in unit coordinates
 _LARGEST_STATE_STEP = 4.0  # in prior standard deviations
 _DAMPING = (1e-6, 1e4)
@@ -80,7 +77,7 @@ class ShootingStep:
         point: LinearizationPoint,
         slopes: WindowSlopes,
         share: float,
-        blur: float,
+        stage: Stage,
     ) -> Stepped:
         """One step from `point`; parameters move by a `share` of it.
 
@@ -101,11 +98,11 @@ class ShootingStep:
         A window whose cost rises keeps its states; if the weighted sum of all rises, nothing moves,
         and the next step in θ is a quarter as long.
         """
-        prior = self._prior_std * (_LAST_PRIOR if blur <= 1 else 1.0)
+        prior, blur = self._prior_std * stage.prior_factor, stage.blur
         pull = self._pull(point.states, windows, prior)  # (W, F)
-        by_common = directions(windows.evidence)
-        common = point.common if len(point.common) else np.zeros(len(by_common))
-        seen = slopes._replace(predicted=slopes.predicted + common @ by_common)
+        common = point.common
+        errors = common @ directions(windows.evidence)
+        seen = slopes._replace(predicted=slopes.predicted + errors)
         equations, cost = self.player.linearize(windows, seen, pull, prior, blur)
         trust = robust_weights(cost)  # (W,)
         combined = combine(

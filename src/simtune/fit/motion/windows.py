@@ -69,10 +69,8 @@ def cut(
     """
     num_episodes, num_steps, _ = observed.actions.shape
     length = min(steps, num_steps)
-    starts = np.arange(0, num_steps - length + 1, length)
-    episode, step = np.repeat(np.arange(num_episodes), len(starts)), np.tile(starts, num_episodes)
-    kept = evenly(len(step), at_most)
-    episode, step = episode[kept], step[kept]
+    anywhere = np.ones((num_episodes, num_steps + 1), bool)
+    episode, step = window_starts(anywhere, length, at_most)
     frames = step[:, None] + np.arange(length + 1)
     return Windows(
         observed.evidence.at((episode[:, None], frames)),
@@ -84,8 +82,16 @@ def cut(
     )
 
 
-def evenly(count: int, at_most: int) -> np.ndarray:
-    """Indices of all of `count`, or of `at_most` of them that are spread evenly."""
-    if count <= at_most:
-        return np.arange(count)
-    return np.linspace(0, count - 1, at_most).round().astype(int)
+def window_starts(
+    may_begin: np.ndarray, length: int, at_most: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """(W,) episodes and (W,) first steps of non-overlapping windows of `length` steps.
+
+    `may_begin`: (E, T + 1) bool, frames at which one may; `at_most`: limit on W, spread evenly.
+    """
+    steps = np.arange(0, may_begin.shape[1] - length, length)
+    episode, number = np.nonzero(may_begin[:, steps])
+    if at_most is not None and len(episode) > at_most:
+        kept = np.linspace(0, len(episode) - 1, at_most).round().astype(int)
+        episode, number = episode[kept], number[kept]
+    return episode, steps[number]

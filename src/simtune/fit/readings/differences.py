@@ -12,8 +12,8 @@ _UNIT_DELTA = 5e-3
 _STATE_DELTA = 0.05  # in units of `start_std`
 
 
-class Where(NamedTuple):
-    """Where derivatives are taken: W stretches, S unknowns of each initial state, N parameters."""
+class DifferencePoint(NamedTuple):
+    """At which derivatives are taken: W stretches, S unknowns of an initial state, N parameters."""
 
     stretches: Stretches
     states: np.ndarray  # (W, nq + nv) initial states
@@ -21,7 +21,9 @@ class Where(NamedTuple):
     start_std: np.ndarray  # (S,) prior std of an initial state: the units of its unknowns
 
 
-def differentiate(loop: OpenLoopReplay, where: Where, one_sided: bool = False) -> StretchSlopes:
+def differentiate(
+    loop: OpenLoopReplay, at: DifferencePoint, one_sided: bool = False
+) -> StretchSlopes:
     """Derivatives by each parameter and initial state, by central differences.
 
     One-sided differences would seem to separate parameters with the same effect, such as a servo's
@@ -29,9 +31,9 @@ def differentiate(loop: OpenLoopReplay, where: Where, one_sided: bool = False) -
     elsewhere; such a derivative is noise, but looks very informative. So derivatives are shrunk by
     how well both sides agree. `one_sided`: faster and slightly wrong, used where nothing can touch.
     """
-    delta = _deltas(loop, where.unit)
+    delta = _deltas(loop, at.unit)
     number = np.arange(len(delta))
-    here, there, others = _changed(loop, where, delta, number, one_sided)
+    here, there, others = _changed(loop, at, delta, number, one_sided)
     twice = len(others)
     there[:twice] = agreed(there[:twice], others)
     slopes = (there / delta[:, None, None, None]).swapaxes(0, 1)
@@ -40,14 +42,14 @@ def differentiate(loop: OpenLoopReplay, where: Where, one_sided: bool = False) -
 
 
 def refresh(
-    loop: OpenLoopReplay, where: Where, slopes: StretchSlopes, groups: Groups
+    loop: OpenLoopReplay, at: DifferencePoint, slopes: StretchSlopes, groups: Groups
 ) -> StretchSlopes:
     """Update derivatives with few worlds: only each reading's main derivative in every group.
 
     The others keep their values from a point near by. One-sided where nothing can touch.
     """
-    delta, num = _deltas(loop, where.unit), len(loop.fitted)
-    here, there, others = _changed(loop, where, delta, groups.number, one_sided=True)
+    delta, num = _deltas(loop, at.unit), len(loop.fitted)
+    here, there, others = _changed(loop, at, delta, groups.number, one_sided=True)
     derived = np.concatenate([slopes.by_parameter, slopes.by_start], 1).swapaxes(0, 1)  # (U, W, …)
     is_main = np.zeros((len(delta), loop.measured.num_readings), bool)  # (U, D)
     anew = np.flatnonzero(groups.number >= 0)
@@ -72,7 +74,11 @@ def _deltas(loop: OpenLoopReplay, unit: np.ndarray) -> np.ndarray:
 
 
 def _changed(
-    loop: OpenLoopReplay, where: Where, delta: np.ndarray, number: np.ndarray, one_sided: bool
+    loop: OpenLoopReplay,
+    at: DifferencePoint,
+    delta: np.ndarray,
+    number: np.ndarray,
+    one_sided: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Predictions, and their changes when all unknowns with the same group `number` change at once.
 
@@ -80,13 +86,13 @@ def _changed(
     for the first B groups, which change parameters, (B, W, K + 1, D) changes seen from the other
     side. B is 0 if `one_sided`, unless something may touch.
     """
-    num_groups, num_fitted, unit = number.max() + 1, len(loop.fitted), where.unit
+    num_groups, num_fitted, unit = number.max() + 1, len(loop.fitted), at.unit
     units = np.repeat(unit[None], num_groups, 0)
     (chosen,) = np.nonzero(number >= 0)
     parameters, starts = chosen[chosen < num_fitted], chosen[chosen >= num_fitted]
     np.add.at(units, (number[parameters], loop.fitted[parameters]), delta[parameters])
     tangents = np.zeros((num_groups, loop.measured.start_tangents.shape[1]))
-    change = (delta[num_fitted:] * where.start_std)[:, None] * loop.measured.start_tangents
+    change = (delta[num_fitted:] * at.start_std)[:, None] * loop.measured.start_tangents
     np.add.at(tangents, number[starts], change[starts - num_fitted])
     twice = 0 if one_sided and not loop.may_touch else number[:num_fitted].max(initial=-1) + 1
     back = 2 * unit - units[:twice]
@@ -96,9 +102,9 @@ def _changed(
     units = np.concatenate([unit[None], units, unit + side * (units[:twice] - unit)])
     unmoved = np.zeros((1, tangents.shape[1]))
     tangents = np.concatenate([unmoved, tangents, side * tangents[:twice]])
-    spread = np.repeat(tangents[:, None], len(where.states), 1)
-    states = loop.measured.along(where.states, spread)
-    predicted, _ = loop.play(where.stretches, states, units)
+    spread = np.repeat(tangents[:, None], len(at.states), 1)
+    states = loop.measured.along(at.states, spread)
+    predicted, _ = loop.play(at.stretches, states, units)
     here, there, beyond = np.split(predicted, [1, 1 + num_groups])
     others = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:twice])
     return here[0], there - here, others

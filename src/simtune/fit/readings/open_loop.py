@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from simtune.fit.lateness import Lateness
-from simtune.fit.motion.windows import evenly
+from simtune.fit.motion.windows import window_starts
 from simtune.fit.physics import Physics
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.parts import parts_to_play
@@ -96,9 +96,17 @@ class OpenLoopReplay:
         return derived
 
     def cut(
-        self, readings: Readings, unit: np.ndarray, offsets: np.ndarray, steps: int, at_most: int
+        self,
+        readings: Readings,
+        unit: np.ndarray,
+        offsets: np.ndarray,
+        steps: int | None = None,
+        at_most: int | None = None,
     ) -> Stretches:
-        """At most `at_most` stretches of `steps` steps, spread evenly; `unit`: (N,)."""
+        """Stretches of `steps` steps, by default whole episodes, that begin with a reading.
+
+        `at_most`: limit on their number, spread evenly; `unit`: (N,).
+        """
         states, drift = self.measured.as_read(readings.values, offsets), None
         if self.lateness is not None:
             by_step = self.measured.change_per_late_step(states)
@@ -106,14 +114,10 @@ class OpenLoopReplay:
             drift = Lateness.steps_per_unit() * by_step
         left = self.physics.replay_actuators(readings.actions, states, self._parameters(unit))
         num_steps = readings.actions.shape[1]
-        length = min(steps, num_steps)
-        starts = np.arange(0, num_steps - length + 1, length)
-        episode = np.repeat(np.arange(len(states)), len(starts))
-        step = np.tile(starts, len(states))
-        known = np.isfinite(readings.values[episode, step]).any(-1) | (step == 0)
-        episode, step = episode[known], step[known]
-        kept = evenly(len(step), at_most)
-        episode, step = episode[kept], step[kept]
+        length = num_steps if steps is None else min(steps, num_steps)
+        may_begin = np.asarray(np.isfinite(readings.values).any(-1))
+        may_begin[:, 0] = True  # its episode would be lost
+        episode, step = window_starts(may_begin, length, at_most)
         frames = step[:, None] + np.arange(length + 1)
         return Stretches(
             readings.actions[episode[:, None], frames[:, :-1]],

@@ -28,7 +28,7 @@ from simtune.fit.lateness import Lateness
 from simtune.fit.readings.differences import differentiate, refresh
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.replay_cost import Guess, Point, ReplayCost
+from simtune.fit.readings.replay_objective import Guess, Point, ReplayObjective
 from simtune.fit.readings.residuals import correlation_times, spread
 from simtune.fit.readings.slopes import Groups, StretchSlopes
 from simtune.fit.readings.stretches import Readings
@@ -44,16 +44,16 @@ _MORE_ITERATIONS = 5  # with all derivatives computed anew
 
 
 class ReplayStage(NamedTuple):
-    steps: int  # of a stretch; 0: the whole episode
     iterations: int
-    at_most: int  # limit on the number of stretches
+    steps: int | None = None  # of a stretch; by default the whole episode
+    at_most: int | None = None  # limit on the number of stretches
 
 
 @dataclass(frozen=True)
 class Descent:
     """Where Gauss-Newton is or ended, with the last derivatives."""
 
-    objective: ReplayCost
+    objective: ReplayObjective
     point: Point
     noise: np.ndarray  # (D,) root mean square of the residuals
     slopes: StretchSlopes | None = None
@@ -69,7 +69,7 @@ class Descent:
         return Guess(self.point.unit, self.point.offsets)
 
     @property
-    def cost(self) -> float:
+    def log_rms(self) -> float:
         """Mean logarithm of the residuals' rms over all readings: lower is better."""
         known = np.isfinite(self.objective.stretches.values).sum((0, 1))
         return float(np.average(np.log(self.noise), weights=known))
@@ -89,8 +89,8 @@ class OutputErrorFit:
     shares: np.ndarray
 
 
-class OutputError:
-    """Fits one simulator to readings."""
+class OutputErrorMethod:
+    """Fits one simulator to readings by the output-error method."""
 
     def __init__(self, loop: OpenLoopReplay, finds_offset: np.ndarray, prior: np.ndarray):
         """`finds_offset`: (D,) bool; `prior`: (N,) first guess, in unit coordinates."""
@@ -109,8 +109,8 @@ class OutputError:
 
         `near`: a descent of the same stage, whose derivatives are used at first.
         """
-        loop, steps = self._loop, stage.steps or readings.actions.shape[1]
-        stretches = loop.cut(readings, begin.unit, begin.offsets, steps, stage.at_most)
+        loop = self._loop
+        stretches = loop.cut(readings, begin.unit, begin.offsets, stage.steps, stage.at_most)
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         derived_s = self.num_worlds * (time.monotonic() - began_s)
@@ -119,9 +119,11 @@ class OutputError:
             start_std = near.objective.start_std
         else:
             start_std = loop.measured.start_std(noise, stretches.values)
-        objective = ReplayCost(loop, stretches, begin, start_std, self._finds_offset, self.prior)
+        objective = ReplayObjective(
+            loop, stretches, begin, start_std, self._finds_offset, self.prior
+        )
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
-        return self._go_on(begun, stage.iterations, budget, derived_s if near is None else 0.0)
+        return self._iterate(begun, stage.iterations, budget, derived_s if near is None else 0.0)
 
     @property
     def num_worlds(self) -> int:
@@ -129,7 +131,7 @@ class OutputError:
         num = len(self._loop.fitted)
         return 1 + num * (1 + self._loop.may_touch) + len(self._loop.measured.start_tangents)
 
-    def _go_on(
+    def _iterate(
         self, descent: Descent, iterations: int, budget: Budget, takes_s: float = 0.0
     ) -> Descent:
         """Iterate; if derivatives near by are known, refresh them by groups of unknowns.
@@ -142,12 +144,12 @@ class OutputError:
             began_s = time.monotonic()
             if budget.is_over or takes_s > budget.seconds_left:
                 break
-            where = descent.objective.where(descent.point)
+            at = descent.objective.difference_point(descent.point)
             if descent.slopes is None or groups is None:
-                slopes = differentiate(loop, where, one_sided=True)
+                slopes = differentiate(loop, at, one_sided=True)
                 groups = Groups.of(slopes, descent.noise)
             else:
-                slopes = refresh(loop, where, descent.slopes, groups)
+                slopes = refresh(loop, at, descent.slopes, groups)
             descent, damping, is_over = _stepped(replace(descent, slopes=slopes), damping)
             takes_s = time.monotonic() - began_s
             if is_over:
@@ -157,14 +159,18 @@ class OutputError:
     def judge(self, ended: Descent, budget: Budget) -> OutputErrorFit:
         """Uncertainty from full derivatives; if these lead farther down, descend first."""
         began_s = time.monotonic()
-        slopes = differentiate(self._loop, ended.objective.where(ended.point))
+        slopes = self._differentiate(ended)
         further, _, is_over = _stepped(replace(ended, slopes=slopes), _FIRST_DAMPING)
         takes_s = time.monotonic() - began_s
         if is_over or takes_s > budget.seconds_left:
             return self._conclude(ended, slopes)
         more = budget.part(budget.seconds_left - takes_s)
-        ended = self._go_on(further, _MORE_ITERATIONS, more)
-        return self._conclude(ended, differentiate(self._loop, ended.objective.where(ended.point)))
+        ended = self._iterate(further, _MORE_ITERATIONS, more)
+        return self._conclude(ended, self._differentiate(ended))
+
+    def _differentiate(self, ended: Descent) -> StretchSlopes:
+        """Full derivatives where a descent ended."""
+        return differentiate(self._loop, ended.objective.difference_point(ended.point))
 
     def _conclude(self, ended: Descent, slopes: StretchSlopes) -> OutputErrorFit:
         """Estimate with its covariance, each residual counting as 1/τ of a measurement."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics, is_lost
-from simtune.fit.readings.differences import Where, differentiate
+from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
@@ -91,7 +91,7 @@ class ReplayedReadings:
             readings.actions[:MOST_EPISODES, :steps], readings.values[:MOST_EPISODES, : steps + 1]
         )
         no_offsets = np.zeros(few.values.shape[-1])
-        self._stretches = self._loop.cut(few, self._unit, no_offsets, 10**9, MOST_EPISODES)
+        self._stretches = self._loop.cut(few, self._unit, no_offsets)
 
     def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
         """For (N, N) parameters, one changed in each row; noise (D,) of independent readings.
@@ -121,8 +121,8 @@ class ReplayedReadings:
         if self._may_be_late:  # as in a fit
             loop, unit = loop.with_lateness(), np.append(unit, Lateness.unit(0.0))
         start_std = loop.measured.start_std(usual_noise(loop.sensors), stretches.values)
-        where = Where(stretches, stretches.states, unit, start_std)
-        slopes = differentiate(loop, where)
+        at = DifferencePoint(stretches, stretches.states, unit, start_std)
+        slopes = differentiate(loop, at)
         nothing_left = 0 * stretches.values  # NaN where nothing was read
         offsets = finds_offset(loop.sensors)
         by_start = loop.starts_by_shared(stretches, offsets) / start_std

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simtune.fit.readings.differences import Where, differentiate
+from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.normal_equations import normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.stretches import Readings, Stretches, unread_rows
@@ -33,7 +33,7 @@ def begin_whole(
 
     These explain the first few readings best (Gauss-Newton). Parameters are as in `replay_whole`.
     """
-    whole = loop.cut(readings, unit, offsets, readings.actions.shape[1], len(readings.actions))
+    whole = loop.cut(readings, unit, offsets)
     unread, states = unread_rows(whole.values), whole.states.copy()
     unread[unread > _MOST_UNREAD] = 0  # so much later, readings no longer tell
     loop = loop.by_starts_alone()
@@ -53,7 +53,7 @@ def _explaining(
         return states
     shift = np.zeros((len(states), len(start_std)))
     for _ in range(_ITERATIONS):
-        slopes = differentiate(loop, Where(first, states, unit, start_std))
+        slopes = differentiate(loop, DifferencePoint(first, states, unit, start_std))
         residuals = slopes.predicted + offsets - first.values
         equations = normal_equations(slopes.by_start, slopes.by_parameter, residuals, noise, shift)
         step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from simtune.columns import counted
 from simtune.errors import InputError
 from simtune.recordings.lerobot.layout import Layout, unexpected
 from simtune.recordings.lerobot.listed import Listed, list_episodes
@@ -42,7 +41,7 @@ def read_episodes(
     for listed in list_episodes(folder, info, layout, camera):
         if listed.index in episodes:
             raise InputError(f"{listed.where}: episode {listed.index} is listed twice")
-        _check(folder, listed)
+        _check(listed)
         episodes[listed.index] = Episode(
             index=listed.index,
             num_rows=listed.num_rows,
@@ -64,13 +63,8 @@ def read_episodes(
     return tuple(episodes[index] for index in sorted(episodes))
 
 
-def _check(folder: Path, listed: Listed) -> None:
+def _check(listed: Listed) -> None:
     index, num_rows = listed.index, listed.num_rows
-    if num_rows < 2:
-        raise InputError(
-            f"{folder}: episode {index} has {counted(num_rows, 'row')}; "
-            "expected at least 2, a frame before and a frame after an action"
-        )
     if num_rows > MOST_ROWS or listed.from_s < 0:
         what = f"{num_rows} rows" if num_rows > MOST_ROWS else f"a start at {listed.from_s:g} s"
         raise InputError(

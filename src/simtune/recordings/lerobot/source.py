@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from simtune.columns import counted
 from simtune.errors import InputError
 from simtune.recordings import video
 from simtune.recordings.lerobot.episodes import Episode
@@ -40,6 +41,12 @@ class LeRobotSource:
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         where = self._episodes[episode]
+        if where.num_rows < 2:
+            raise InputError(
+                f"{self.path}: episode {where.index} has {counted(where.num_rows, 'row')}; "
+                "expected at least 2, a frame before and a frame after an action; delete the "
+                "episode, or use only those before it (--real-episodes)"
+            )
         table = self._data(where.data_file, tuple({reading.key: None for reading in readings}))
         rows = table.filter(pc.field("episode_index") == where.index)
         if len(rows) != where.num_rows:

@@ -8,7 +8,7 @@ import pytest
 
 from simtune.fit import Bootstrap
 from simtune.fit.result import Misfit
-from simtune.tuning.earlier import Earlier
+from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
 
 
@@ -33,33 +33,33 @@ def refits(num: int) -> Bootstrap:
 )
 def test_refits_judge_that_are_new_unless_there_are_too_few(before, made, judges):
     new = refits(made)
-    known = Earlier(refits(before)).known(new)
+    known = EarlierRounds(refits(before)).refits_to_trust(new)
     assert (known is new) == (judges == "made")
 
 
 def test_the_first_round_judges_by_its_own():
-    assert Earlier().known(new := refits(0)) is new
+    assert EarlierRounds().refits_to_trust(new := refits(0)) is new
 
 
 def test_doubts_of_a_round_are_kept_for_one_without_a_fit():
     estimate = Estimate(*np.arange(9.0).reshape(3, 3), ["identified"] * 3)
     doubted = replace(estimate, verdict=["weak"] * 3)
-    assert Earlier(refits(1), estimate).with_doubts(doubted).estimate is doubted
-    assert Earlier().with_doubts(doubted).estimate is None  # no fit: guesses are not kept
+    assert EarlierRounds(refits(1), estimate).with_doubts(doubted).estimate is doubted
+    assert EarlierRounds().with_doubts(doubted).estimate is None  # no fit: guesses are not kept
 
 
 def test_it_survives_json():
     """Of a checkpoint, which may hold NaN: a misfit that is unknown."""
     estimate = Estimate(*np.arange(9.0).reshape(3, 3), ["weak"] * 3, correlation=np.eye(3))
-    earlier = Earlier(refits(2), estimate)
-    back = Earlier.from_json(json.loads(json.dumps(earlier.to_json())))
+    earlier = EarlierRounds(refits(2), estimate)
+    back = EarlierRounds.from_json(json.loads(json.dumps(earlier.to_json())))
     for key in ("errors", "is_moving", "usual_std", "unfitted"):
         one, other = getattr(back.bootstrap, key), getattr(earlier.bootstrap, key)
         np.testing.assert_array_equal(one, other)
         assert one.dtype == other.dtype
     assert repr(back.bootstrap.misfits) == repr(earlier.bootstrap.misfits)  # NaN is not itself
     np.testing.assert_array_equal(back.estimate.low, estimate.low)
-    none = Earlier.from_json(json.loads(json.dumps(Earlier(refits(0)).to_json())))
+    none = EarlierRounds.from_json(json.loads(json.dumps(EarlierRounds(refits(0)).to_json())))
     assert none.bootstrap.errors.shape == (0, 3)
     assert none.estimate is None
     unknown = replace(refits(2), usual_std=None)

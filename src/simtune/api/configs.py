@@ -1,4 +1,4 @@
-"""What Python code asks of a command, as the command's config; what it films is written first."""
+"""The config of a command from what Python code asks for; what it films is written first."""
 
 from dataclasses import fields, replace
 from os import PathLike, fspath

@@ -1,4 +1,4 @@
-"""What earlier rounds concluded, for a round that has little time."""
+"""Earlier rounds, for a round that has little time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -11,20 +11,20 @@ _FEW = 2  # refits of a new round that count more than any number of earlier one
 
 
 @dataclass(frozen=True)
-class Earlier:
-    """Of the rounds before, also of those in an earlier session."""
+class EarlierRounds:
+    """What they concluded, also those of an earlier session."""
 
     bootstrap: Bootstrap | None = None  # None: no known world was fitted
     estimate: Estimate | None = None  # None: nothing was fitted
 
-    def known(self, made: Bootstrap) -> Bootstrap:
+    def refits_to_trust(self, made: Bootstrap) -> Bootstrap:
         """The refits to judge by: those just `made`, or an earlier round's, if it had more time."""
         before = self.bootstrap
         if before is None or len(made.misfits) >= min(_FEW, len(before.misfits)):
             return made
         return before
 
-    def with_doubts(self, estimate: Estimate) -> "Earlier":
+    def with_doubts(self, estimate: Estimate) -> "EarlierRounds":
         """With the last round's estimate as it was doubted in the end, if something was fitted."""
         return self if self.estimate is None else replace(self, estimate=estimate)
 
@@ -34,7 +34,7 @@ class Earlier:
         return {name: part and part.to_json() for name, part in parts.items()}
 
     @classmethod
-    def from_json(cls, saved: Mapping[str, Any]) -> "Earlier":
+    def from_json(cls, saved: Mapping[str, Any]) -> "EarlierRounds":
         """The inverse of `to_json`."""
         bootstrap, estimate = saved["bootstrap"], saved["estimate"]
         return cls(

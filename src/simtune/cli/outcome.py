@@ -1,18 +1,18 @@
-"""What a command hands back, and words for its lines."""
+"""What a command returns, and words for the lines that it prints."""
 
 import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-Say = Callable[[str], None]  # prints a line
+PrintLine = Callable[[str], None]
 
 
-class Done(NamedTuple):
+class CommandResult(NamedTuple):
     """The outcome of a command."""
 
-    result: dict[str, Any]  # printed by --json
-    failure: str = ""
+    content: dict[str, Any]  # printed by --json
+    failure: str = ""  # why the exit status is 1; empty if it is 0
 
 
 def quoted(path: str | Path) -> str:

@@ -3,55 +3,55 @@
 import math
 
 from simtune.cli.commands import DoctorCommand, ExampleCommand, TasksCommand
-from simtune.cli.done import Done, Say, quoted
+from simtune.cli.outcome import CommandResult, PrintLine, quoted
 from simtune.columns import counted
 from simtune.config import CheckConfig, RecordConfig
 
 
-def doctor(_: DoctorCommand, say: Say) -> Done:
+def doctor(_: DoctorCommand, print_line: PrintLine) -> CommandResult:
     from simtune.doctor import analyze, works
 
     found = {}
     for name, words in analyze():
         found[name] = words
-        say(f"{name:10s} {words}")
+        print_line(f"{name:10s} {words}")
     failure = "" if works(found) else "the default renderer does not work here; see above"
-    return Done(found, failure)
+    return CommandResult(found, failure)
 
 
-def tasks(_: TasksCommand, say: Say) -> Done:
+def tasks(_: TasksCommand, print_line: PrintLine) -> CommandResult:
     from simtune.tasks import TASKS, load_task
 
     result = {}
     for name in TASKS:
         task = load_task(name)
-        say(f"{name}: {task.description} ({task.step_s:g} s a step)")
+        print_line(f"{name}: {task.description} ({task.step_s:g} s a step)")
         for p in task.parameters:
             unit = "" if p.unit == "1" else p.unit
             span = f"{p.nominal:<8.4g} in [{p.low:.4g}, {p.high:.4g}] {unit}"
-            say(f"  {p.name:18s} {span:36s} {p.field} of {', '.join(p.objects)}")
+            print_line(f"  {p.name:18s} {span:36s} {p.field} of {', '.join(p.objects)}")
         for sensor in task.sensors:
-            say(f"  --observe cameras,joints also reads {', '.join(sensor.joints)}")
+            print_line(f"  --observe cameras,joints also reads {', '.join(sensor.joints)}")
         keys = ("unit", "nominal", "low", "high", "field", "objects")
         result[name] = {
             "description": task.description,
             "step_s": task.step_s,
             "parameters": {p.name: {key: getattr(p, key) for key in keys} for p in task.parameters},
         }
-    return Done(result)
+    return CommandResult(result)
 
 
-def example(command: ExampleCommand, say: Say) -> Done:
+def example(command: ExampleCommand, print_line: PrintLine) -> CommandResult:
     from simtune.example import copy_example
 
     out = copy_example(command.name, command.out)
     prepare = out / "prepare.sh"
     prepared = f"{quoted(prepare)}, then " if prepare.exists() else ""
-    say(f"{out}; next: {prepared}simtune check {quoted(out / 'tune.toml')}")
-    return Done({"example": str(out)})
+    print_line(f"{out}; next: {prepared}simtune check {quoted(out / 'tune.toml')}")
+    return CommandResult({"example": str(out)})
 
 
-def check(config: CheckConfig, say: Say) -> Done:
+def check(config: CheckConfig, print_line: PrintLine) -> CommandResult:
     from simtune.checking import carry_out
     from simtune.progress import ProgressBar
 
@@ -59,11 +59,11 @@ def check(config: CheckConfig, say: Say) -> Done:
     total_s = 60 * config.budget_minutes if config.camera_pose else math.inf
     with ProgressBar(total_s) as progress:
         result, lines = carry_out(config, progress)
-    say("\n".join(lines))
-    return Done(result)
+    print_line("\n".join(lines))
+    return CommandResult(result)
 
 
-def record(config: RecordConfig, say: Say) -> Done:
+def record(config: RecordConfig, print_line: PrintLine) -> CommandResult:
     from simtune.progress import ProgressBar
     from simtune.record import record
 
@@ -71,5 +71,5 @@ def record(config: RecordConfig, say: Say) -> Done:
         folder = record(config, progress)
     count = counted(config.episodes, "episode")
     checked = f"{quoted(config.task)} --real {quoted(folder)}"
-    say(f"{count} in {folder}; next: simtune check {checked}")
-    return Done({"recordings": str(folder), "episodes": config.episodes})
+    print_line(f"{count} in {folder}; next: simtune check {checked}")
+    return CommandResult({"recordings": str(folder), "episodes": config.episodes})

@@ -18,39 +18,41 @@ _WORSE = 1.2  # ratio of held-out errors to those of known worlds that is worth 
 _ASSUMED_PX = 0.5  # detector error that `check` assumes
 
 
-class Promise(NamedTuple):
+class PrecisionComparison(NamedTuple):
     """Interval of a parameter as `check` expects it, and as it came out, as text."""
 
     name: str
-    expected: str  # half of the 90 % interval predicted by `check`
+    expected: str  # half of the 90 % interval that `check` expects
     found: str  # half of the actual one
     times: float | None  # ratio of both
     help: str  # what would narrow the interval; empty: nothing is missing
 
 
-def compare(run: RunData) -> list[Promise]:
-    """Promises for parameters that `check` predicts in numbers, and for others with wide intervals.
+def compare(run: RunData) -> list[PrecisionComparison]:
+    """Of parameters for which `check` expects a number, and of others with wide intervals.
 
     The others are colours.
     """
-    checked, found = run.object("check"), []
+    checked = run.object("check")
+    found = []
     narrow = RangeUpdateConfig.identified_share
     for name, facts in run.parameters.items():
-        prediction = checked.get(name)
-        if not isinstance(prediction, dict) or not run.result:
+        expectation = checked.get(name)
+        if not isinstance(expectation, dict) or not run.result:
             continue
-        promise = _of(run, name, facts, prediction)
+        comparison = _of(run, name, facts, expectation)
         share = facts.get("interval_share")
-        if promise.times is not None or (is_number(share) and share > narrow):
-            found.append(promise)
+        if comparison.times is not None or (is_number(share) and share > narrow):
+            found.append(comparison)
     return found
 
 
 def reasons(run: RunData) -> list[str]:
     """Reasons why intervals are wider than expected, one sentence each."""
-    num, sentences = _num_refits(run), []
     if not run.has_pictures:
         return ["What the model leaves of the readings, and episodes that disagree, widen them."]
+    num = _num_refits(run)
+    sentences = []
     if num < _FEW_REFITS:
         fitted = f"only {counted(num, 'known world')}" if num else "no known worlds"
         sentences.append(
@@ -78,45 +80,48 @@ def reasons(run: RunData) -> list[str]:
     ]
 
 
-def _of(run: RunData, name: str, facts: dict[str, Any], prediction: dict[str, Any]) -> Promise:
-    """A parameter's promise; `facts`: of the result, `prediction`: of `check`."""
-    expected, half, suffix = None, None, f" {unit(facts)}".rstrip()
+def _of(
+    run: RunData, name: str, facts: dict[str, Any], expectation: dict[str, Any]
+) -> PrecisionComparison:
+    """A parameter's comparison; `facts`: of the result, `expectation`: of `check`."""
+    expected = half = None
+    suffix = f" {unit(facts)}".rstrip()
     low, high = facts.get("low"), facts.get("high")
-    if is_number(std := prediction.get("std_percent")):
+    if is_number(std := expectation.get("std_percent")):
         expected, suffix = STDS_90 * std, " %"
         if is_number(low) and is_number(high) and low > 0:
             half = 50 * math.log(high / low)
-    elif is_number(std := prediction.get("std")):
+    elif is_number(std := expectation.get("std")):
         expected = STDS_90 * std
         half = (high - low) / 2 if is_number(low) and is_number(high) else None
     times = half / expected if half and expected else None
     told = "seen in pictures" if expected is None else f"±{number(expected)}{suffix}"
     found = "" if half is None else f"±{number(half)}{suffix}"
-    return Promise(name, told, found, times, _help(run, facts, prediction, times))
+    return PrecisionComparison(name, told, found, times, _help(run, facts, expectation, times))
 
 
 def _help(
-    run: RunData, facts: dict[str, Any], prediction: dict[str, Any], times: float | None
+    run: RunData, facts: dict[str, Any], expectation: dict[str, Any], times: float | None
 ) -> str:
     """What would narrow the interval of a parameter that is not identified."""
     if facts.get("verdict") not in ("weak", "not identifiable"):
         return ""
     if run.object("held_out").get("passed") is False:
         return "first find what the model lacks"
-    note = prediction.get("note")
+    note = expectation.get("note")
     if isinstance(note, str) and note.startswith("together with "):
         others = note.removeprefix("together with ").partition(":")[0]
         return f"motions that tell it from {others}"
-    is_motion = "std" in prediction or "std_percent" in prediction
+    is_motion = "std" in expectation or "std_percent" in expectation
     if not is_motion and run.object("recordings") and not run.result.get("camera_responses"):
         return "a known colour: --known-colour"
-    if prediction.get("verdict") == "does not show":
+    if expectation.get("verdict") == "does not show":
         return "other motions: these hardly show it"
     is_hardly_judged = _num_refits(run) < _FEW_REFITS and run.has_pictures
     is_hardly_judged &= times is None or times > _AS_TOLD
     if run.is_out_of_time and (is_hardly_judged or times is None or times > _MUCH):
         return "more minutes"
-    if prediction.get("verdict") == "shows weakly":
+    if expectation.get("verdict") == "shows weakly":
         return "motions that show it more, or more episodes"
     return "more episodes"
 

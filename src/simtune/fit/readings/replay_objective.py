@@ -9,7 +9,7 @@ import numpy as np
 
 from simtune.fit.combine import step_within_bounds
 from simtune.fit.elimination import NormalEquations
-from simtune.fit.readings.differences import Where
+from simtune.fit.readings.differences import DifferencePoint
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.residuals import HUBER
@@ -38,7 +38,7 @@ class Point(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ReplayCost:
+class ReplayObjective:
     """Of W stretches, D readings and S unknowns of each initial state.
 
     A guess's `shift` is that of initial states from those that readings give, with the guess's
@@ -57,8 +57,8 @@ class ReplayCost:
         no_shift = np.zeros((len(self.stretches.states), len(self.start_std)))
         return Point(guess.unit, guess.offsets, self.stretches.states, no_shift)
 
-    def where(self, point: Point) -> Where:
-        return Where(self.stretches, point.states, point.unit, self.start_std)
+    def difference_point(self, point: Point) -> DifferencePoint:
+        return DifferencePoint(self.stretches, point.states, point.unit, self.start_std)
 
     def play(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """(W, K + 1, D) predictions without offsets, and (W, S) first full states."""

@@ -1,4 +1,4 @@
-"""What `simtune check` predicts, for comparison with a run's result."""
+"""The precision that `simtune check` expects, for comparison with a run's result."""
 
 from typing import Any, NamedTuple
 
@@ -17,21 +17,22 @@ from simtune.trajectory import Trajectory
 _KEPT = ("std", "std_percent", "interval_share", "verdict", "note")
 
 
-class Promised(NamedTuple):
-    """Of episodes and their readings, near the nominal values."""
+class ExpectedPrecision(NamedTuple):
+    """What episodes and their readings could tell, near the nominal values."""
 
     parameters: dict[str, dict[str, Any]]  # {name: what the best fit could tell}; JSON
     warnings: list[str]  # on readings, such as those of another unit
 
 
-def promises(
+def expected_precision(
     simulator: AnySimulator, seen: ObservationModel, real: list[Trajectory], seed: int
-) -> Promised:
+) -> ExpectedPrecision:
     """Nothing without a MuJoCo model; no parameters if all nominal worlds diverge."""
     warnings = list[str]()
     if not isinstance(simulator, Simulator):
-        return Promised({}, warnings)
-    steps, readings = min(map(len, real)), None
+        return ExpectedPrecision({}, warnings)
+    readings = None
+    steps = min(map(len, real))
     actions = np.stack([trajectory.actions[:steps] for trajectory in real])
     try:
         if seen.sensors:
@@ -40,8 +41,8 @@ def promises(
             readings, _ = reading_changes(simulator, seen, actions, read, seed)
         sensitivity = analyze(simulator, actions, seed, seen, readings)
     except RuntimeError:  # every episode diverged
-        return Promised({}, warnings)
+        return ExpectedPrecision({}, warnings)
     reasons = unfelt_frictions(simulator, nominal_states(simulator, actions, seed))
     said = conclude(simulator.space, sensitivity, reasons)["parameters"]
     kept = plain({name: {k: p[k] for k in _KEPT if k in p} for name, p in said.items()})
-    return Promised(kept, warnings)
+    return ExpectedPrecision(kept, warnings)

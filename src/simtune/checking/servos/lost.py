@@ -1,0 +1,66 @@
+"""Readings that are missing, and single ones where no joint can have been: lost packets."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from simtune.checking.servos.fit import Episodes
+
+_MISSING = 1 / 3  # of an episode's readings
+_USUAL = 0.01  # share of readings at each end, at least one, that do not tell a joint's travel
+_FEW = 5  # readings in a row: steps shorter than rows repeat a lost one
+
+
+def missing(names: Sequence[str], values: np.ndarray, lengths: Sequence[int]) -> list[str]:
+    """On (E, T + 1, D) readings of D names, in episodes of these numbers of steps."""
+    shares = [np.isnan(read[: n + 1]).mean(0) for read, n in zip(values, lengths, strict=True)]
+    found = []
+    for name, of_episodes in zip(names, np.transpose(shares), strict=True):
+        if (most := of_episodes.max()) > _MISSING:
+            found.append(
+                f"{name} is missing at {most:.0%} of the steps of episode {of_episodes.argmax()}, "
+                "counted from 0: was its log cut, or is it another column?"
+            )
+    return found
+
+
+def without_lost_packets(
+    name: str, unit: str, commands: Episodes, measured: Episodes
+) -> tuple[list[np.ndarray], list[str]]:
+    """A joint's (T + 1,) readings in each episode, NaN instead of lost packets; and a warning.
+
+    Such a reading is far from where the joint is otherwise, farther than it and its (T,) commands
+    travel, and both before and after it the joint is where it may be.
+    """
+    values = np.sort(np.concatenate(list(measured)))
+    values = values[np.isfinite(values)]
+    unusual = math.ceil(_USUAL * len(values))
+    if len(values) <= 2 * unusual:
+        return list(measured), []
+    low, high = values[unusual], values[-1 - unusual]
+    far = max(high - low, float(np.ptp(np.concatenate(list(commands)))))
+    lost = [_lost(read, low - far, high + far) for read in measured]
+    if not (num := sum(map(np.sum, lost))):
+        return list(measured), []
+    away = [np.where(out, np.abs(read - low), 0) for out, read in zip(lost, measured, strict=True)]
+    episode = int(np.argmax([its.max() for its in away]))
+    step = int(away[episode].argmax())
+    of_several = f" (one of {num} such readings)" if num > 1 else ""
+    kept = [np.where(out, np.nan, read) for out, read in zip(lost, measured, strict=True)]
+    return kept, [
+        f"{name} reads {measured[episode][step]:.3g} {unit} at step {step} of episode {episode}, "
+        f"counted from 0, and {low:.3g} to {high:.3g} otherwise{of_several}: a lost packet? "
+        "Leave such cells empty (NaN), as is done here"
+    ]
+
+
+def _lost(read: np.ndarray, low: float, high: float) -> np.ndarray:
+    """(T + 1,) bool: readings outside of these bounds, a few in a row, and inside again."""
+    known = np.flatnonzero(np.isfinite(read))
+    is_out = (read[known] < low) | (read[known] > high)
+    lost = np.zeros(len(read), bool)
+    for start, end in np.flatnonzero(np.diff(np.pad(is_out, 1))).reshape(-1, 2):
+        if start > 0 and end < len(known) and end - start <= _FEW:
+            lost[known[start:end]] = True
+    return lost

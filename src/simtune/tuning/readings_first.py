@@ -1,0 +1,47 @@
+"""Joint readings, fitted alone before the first round of a search that looks at videos."""
+
+from typing import Any
+
+from simtune.budget import Budget
+from simtune.trajectory import Trajectory
+from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.search import SearchContext
+
+_SHARE = 0.35  # of all time
+# At least, since keypoints of what readings tell are not looked for (`keypoints_of_run`)
+_LEAST_SHARE = 0.15
+
+
+class ReadingsFirst:
+    """What the readings of a run's first episodes tell; fitted once in each session."""
+
+    def __init__(self, context: SearchContext):
+        self._context = context
+        self._estimate: ReadingsEstimate | None = None
+        # Episodes before the first round, which come last in later ones; a later session reads the
+        # same ones again
+        self._num_episodes = 0
+
+    def fit(
+        self, real: list[Trajectory], round_s: float, budget: Budget
+    ) -> ReadingsEstimate | None:
+        """None if readings alone tell nothing, see `ReadingsEstimate.fitted`.
+
+        `round_s`: what the smallest sound round needs of the time.
+        """
+        if self._estimate is None and self._context.can_fit:
+            left = budget.seconds_left
+            spare = max(left - round_s, _LEAST_SHARE * left)
+            seconds = left if budget.is_endless else min(_SHARE * left, spare)
+            part = budget.part(seconds, (0.0, 0.1), "readings: ")
+            self._num_episodes = self._num_episodes or len(real)
+            first = real[-self._num_episodes :]
+            self._estimate = ReadingsEstimate.fitted(self._context, first, part)
+        return self._estimate
+
+    def state(self) -> dict[str, Any]:
+        """JSON."""
+        return {"num_episodes": self._num_episodes}
+
+    def load(self, state: dict[str, Any]) -> None:
+        self._num_episodes = state["num_episodes"]
