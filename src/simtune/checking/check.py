@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.checking import sensitive_starts
 from simtune.checking.conclusions import CLEAR, conclude
 from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.frictions import unfelt_frictions
@@ -51,6 +52,8 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
         except RuntimeError as error:  # what was found before may say why
             raise InputError("; ".join([*facts["warnings"], str(error)])) from error
         facts["assumed"] = assumed
+        names = facts["recordings"]["names"] if config.real else _numbered(len(actions))
+        facts["warnings"] += sensitive_starts.warnings(readings.growth, names)
     sensitivity = analyze(simulator, actions, config.seed, seen, readings, report)
     states = nominal_states(simulator, actions, config.seed)
     facts["warnings"] += joints_at_limits(simulator, states)
@@ -63,6 +66,11 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
         facts["warnings"] += small(facts["extents_px"], size, unclear)
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return plain(facts | concluded)
+
+
+def _numbered(num_episodes: int) -> list[str]:
+    """Names of simulated episodes."""
+    return [f"episode {number}" for number in range(num_episodes)]
 
 
 def _simulated(

@@ -38,6 +38,9 @@ class ReadingChanges:
     largest: np.ndarray  # (N, D)
     noise: np.ndarray  # (D,) standard deviation of an independent error in each reading
     information: np.ndarray  # (N, N) Fisher information of all episodes, in unit coordinates
+    # (E,) of the replayed episodes, NaN if it went astray: how many times as large as at the start
+    # an error of a first position becomes, in any reading, both relative to the usual noise
+    growth: np.ndarray
 
     @property
     def main(self) -> np.ndarray:
@@ -106,21 +109,28 @@ class ReplayedReadings:
         if not kept.any():
             raise RuntimeError(_ASTRAY)
         away = (predicted[1:] - predicted[0])[:, kept]
+        growth = np.full(len(kept), np.nan)
+        information, growth[kept] = self._derived(self._stretches.of(kept), noise)
         return ReadingChanges(
             labels=self._labels,
             units=units_of(self._loop.sensors),
             rms=np.sqrt(np.square(away).mean((1, 2))),
             largest=np.abs(away).max((1, 2)),
             noise=noise,
-            information=self._information(self._stretches.of(kept), noise),
+            information=information,
+            growth=growth,
         )
 
-    def _information(self, stretches: Stretches, noise: np.ndarray) -> np.ndarray:
-        """(N, N) Fisher information; offsets, lateness and initial states are marginalised."""
+    def _derived(self, stretches: Stretches, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, N) Fisher information, and the `growth` in each stretch.
+
+        Offsets, lateness and initial states are marginalised.
+        """
         loop, unit, num = self._loop, self._unit, len(self._unit)
         if self._may_be_late:  # as in a fit
             loop, unit = loop.with_lateness(), np.append(unit, Lateness.unit(0.0))
-        start_std = loop.measured.start_std(usual_noise(loop.sensors), stretches.values)
+        usual = usual_noise(loop.sensors)
+        start_std = loop.measured.start_std(usual, stretches.values)
         at = DifferencePoint(stretches, stretches.states, unit, start_std)
         slopes = differentiate(loop, at)
         nothing_left = 0 * stretches.values  # NaN where nothing was read
@@ -131,4 +141,6 @@ class ReplayedReadings:
         num_frames = np.isfinite(stretches.values).any(-1).sum()
         total = equations.information.sum(0) * self._num_frames / num_frames
         mixed, others = total[:num, num:], total[num:, num:]
-        return total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T
+        information = total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T
+        by_position = slopes.by_start[:, : slopes.by_start.shape[1] // 2]
+        return information, np.abs(by_position / usual).max((1, 2, 3), initial=0.0)

@@ -1,0 +1,80 @@
+"""Episodes that diverge from where they begin, and what `check` says of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune.checking import sensitive_starts
+from simtune.checking.check import check
+from simtune.config import CheckConfig
+from simtune.fit.readings.sensitivity import ReplayedReadings
+from simtune.real.observed import observed
+from simtune.tasks import Task, load_task
+
+RATE = np.sqrt(9.81)  # 1/s, of a pendulum of 1 m that stands on its tip: θ'' = RATE² θ
+SCENE = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body name="pole">
+      <joint name="tip" axis="0 1 0"/>
+      <inertial pos="0 0 {height}" mass="1" diaginertia="1e-6 1e-6 1e-6"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="push" joint="tip"/></actuator>
+  <keyframe><key name="rest" qpos="0"/></keyframe>
+</mujoco>
+"""
+TUNE = """
+model = "scene.xml"
+control_timestep_s = 0.05
+episode_steps = {steps}
+initial_state = {{kind = "keyframe", keyframe = "rest"}}
+
+[[sensors]]
+name = "angle"
+joints = "tip"
+noise = 0.001
+
+[[parameters]]
+name = "mass"
+kind = "mass"
+objects = "pole"
+"""
+
+
+def pole(folder: Path, height: float, steps: int) -> Task:
+    (folder / "scene.xml").write_text(SCENE.format(height=height))
+    (folder / "tune.toml").write_text(TUNE.format(steps=steps))
+    return load_task(str(folder / "tune.toml"))
+
+
+@pytest.mark.parametrize(("height", "grows"), [(1.0, np.cosh), (-1.0, lambda _: 1.0)])
+def test_an_error_of_a_start_grows_as_the_equation_of_motion_says(tmp_path, height, grows):
+    """θ(t) = θ₀ cosh(RATE t) on its tip, and θ₀ cos(RATE t) as it hangs."""
+    task, steps = pole(tmp_path, height, 20), 20
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    still = np.zeros((2, steps, 1))
+    replayed = ReplayedReadings(simulator, seen, task.parameters.nominal, still)
+    growth = replayed.changes(task.parameters.nominal[None], np.array([1e-3])).growth
+    np.testing.assert_allclose(growth, grows(RATE * steps * 0.05), rtol=0.02)
+
+
+@pytest.mark.parametrize(("steps", "is_warned_of"), [(20, False), (60, True)])
+def test_check_warns_of_what_cannot_be_followed(tmp_path, steps, is_warned_of):
+    pole(tmp_path, 1.0, steps)
+    warnings = check(CheckConfig(task=str(tmp_path / "tune.toml"), episodes=2))["warnings"]
+    found = [warning for warning in warnings if "an error of a first reading grows" in warning]
+    assert len(found) == is_warned_of
+    if found:
+        assert "in 2 of 2 episodes replayed (episode 0, episode 1)" in found[0]
+
+
+def test_some_episodes_can_be_left_out():
+    growth = np.array([1.0, 150.8, np.nan, 2.0])
+    (warning,) = sensitive_starts.warnings(growth, ["a", "b", "c", "d", "e"])
+    assert warning.startswith("in 1 of 4 episodes replayed (b) an error of a first reading grows ")
+    assert "up to 151 times" in warning
+    assert warning.endswith("Leave them out (--leave-out), or end them before.")
+    assert sensitive_starts.warnings(np.array([29.0, np.nan]), ["a", "b"]) == []
