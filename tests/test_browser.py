@@ -74,7 +74,7 @@ addEventListener("load", () => setTimeout(() => {
 @pytest.mark.thorough
 def test_nothing_overflows_a_phone(tmp_path):
     run = make_run(tmp_path / "run")
-    part = {"px": 1.5, "px_before": 11.8, "pictures_along": 12, "pictures_along_before": None}
+    part = {"px": 1.5, "px_before": 11.8, "pictures_along": None, "pictures_along_before": None}
     result = json.loads((run / "result.json").read_text()) | {"moving_parts": {"ball": part}}
     (run / "result.json").write_text(json.dumps(result))
     page = write_report(run).read_text()

@@ -97,8 +97,8 @@ def export(config: ExportConfig, print_line: PrintLine) -> CommandResult:
     what = f"{out / 'model.xml'}, with its numbers in parameters.json and apply.py"
     what += ", and samples.csv" * bool(config.samples)
     what += f", and {config.format}_worlds.py" * (config.format != "samples")
-    print_line(str(out) if config.is_file else what)
-    print_line("\n".join(summary(config.run_folder)))
+    lines = [str(out)] if config.is_file else [what, *summary(config.run_folder)]
+    print_line("\n".join(lines))
     files = [out] if config.is_file else sorted(path for path in out.rglob("*") if path.is_file())
     return CommandResult({"files": [str(path) for path in files]})
 

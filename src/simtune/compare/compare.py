@@ -13,13 +13,13 @@ run are correlated (Šidák 1967).
 """
 
 from itertools import combinations, pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc, ndtr, ndtri
 
+from simtune.compare.estimates import in_common, read_estimates
 from simtune.config import CompareConfig
-from simtune.errors import InputError
 from simtune.report.data import RunData
 from simtune.report.read_run import read_finished
 
@@ -32,13 +32,13 @@ _SMALLEST_PROBABILITY = 1e-300  # a normal deviate of 37
 def compare(config: CompareConfig) -> dict[str, Any]:
     """The differences between runs' estimates, and whether the runs agree; JSON.
 
-    Raises InputError if a run has not ended or gives no intervals, or if parameters differ.
+    Of what all runs tuned. Raises InputError if a run has not ended or gives no intervals, or if
+    they have no parameter in common.
     """
     config.check()
     runs = [read_finished(folder) for folder in config.run_folders]
-    estimates = [_read_estimates(run) for run in runs]
-    for run, other in zip(runs[1:], estimates[1:], strict=True):
-        _check_same(runs[0], estimates[0], run, other)
+    estimates, notes = in_common(runs, [read_estimates(run) for run in runs])
+    names = list(estimates[0].coordinates)
     z = differences(np.array([e.mean for e in estimates]), np.array([e.std for e in estimates]))
     worst, limit = int(np.argmax(np.abs(z))), largest_allowed(len(z), FALSE_ALARM_RATE)
     parameters = {
@@ -46,17 +46,17 @@ def compare(config: CompareConfig) -> dict[str, Any]:
             "estimates": [_numbers(run, name) for run in runs],
             "difference_std": float(z[i]),
         }
-        for i, name in enumerate(estimates[0].names)
+        for i, name in enumerate(names)
     }
     return {
         "runs": [str(run.path) for run in runs],
         "task": runs[0].result["task"],
         "agree": bool(abs(z[worst]) <= limit),
-        "largest": estimates[0].names[worst],
+        "largest": names[worst],
         "limit_std": limit,
         "false_alarm_rate": FALSE_ALARM_RATE,
         "p_value": p_value(float(z[worst]), len(z)),
-        "notes": _notes(runs),
+        "notes": notes + _notes(runs, names),
         "parameters": parameters,
     }
 
@@ -87,63 +87,11 @@ def p_value(largest: float, num: int) -> float:
     return float(1 - (1 - 2 * ndtr(-abs(largest))) ** num)
 
 
-class _Estimates(NamedTuple):
-    """A run's estimates from result.json, in unit coordinates."""
+def _notes(runs: list[RunData], names: list[str]) -> list[str]:
+    """Caveats: runs of the same recordings, of two worlds, or of different models.
 
-    coordinates: list[dict[str, Any]]  # name, scale, low, high
-    mean: np.ndarray  # (N,)
-    std: np.ndarray  # (N,)
-
-    @property
-    def names(self) -> list[str]:
-        return [c["name"] for c in self.coordinates]
-
-
-def _read_estimates(run: RunData) -> _Estimates:
-    """A run's estimates. Raises InputError if it has no intervals or is damaged."""
-    if not run.is_tuned or run.result.get("search") != "posterior":
-        how = run.result.get("search") or f"--method {run.result.get('method')}"
-        raise InputError(f"{run.path} is of {how}, which gives no intervals to compare")
-    if not (stored := run.object("covariance")):
-        raise InputError(
-            f"{run.path} says nothing of covariance, since an earlier version wrote it: give its "
-            "command once more"
-        )
-    try:
-        coordinates = stored["coordinates"]
-        mean, matrix = (np.array(stored[key], float) for key in ("mean", "matrix"))
-        if matrix.shape != (len(coordinates), len(mean)) or not np.isfinite(matrix).all():
-            raise ValueError("its covariance has no number for each pair of parameters")
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{run.path / 'result.json'} is damaged: {error}") from None
-    return _Estimates(coordinates, mean, np.sqrt(np.diag(matrix)))
-
-
-def _check_same(run_a: RunData, a: _Estimates, run_b: RunData, b: _Estimates) -> None:
-    """Raises InputError if the runs have different parameters."""
-    tasks = run_a.result["task"], run_b.result["task"]
-    if tasks[0] != tasks[1]:
-        raise InputError(
-            f"{run_a.path} is of {tasks[0]}, {run_b.path} of {tasks[1]}: compare runs of one task"
-        )
-    differing = [n for n in (*a.names, *b.names) if (n in a.names) != (n in b.names)]
-    if differing:
-        which = ", ".join(differing[:3]) + ", ..." * (len(differing) > 3)
-        raise InputError(
-            f"only one of {run_a.path} and {run_b.path} tuned {which}: compare runs of the same "
-            "parameters"
-        )
-    if a.coordinates != b.coordinates:
-        pairs = zip(a.coordinates, b.coordinates, strict=True)
-        name = next(in_a["name"] for in_a, in_b in pairs if in_a != in_b)
-        raise InputError(
-            f"{name} has other bounds, another scale or another place in {run_b.path} than in "
-            f"{run_a.path}: compare runs of one tuning file"
-        )
-
-
-def _notes(runs: list[RunData]) -> list[str]:
-    """Caveats: runs of the same recordings, of two worlds, or of different models."""
+    `names`: of the parameters that are compared.
+    """
     notes = []
     for i, k in combinations(range(len(runs)), 2):
         if runs[i].path.resolve() == runs[k].path.resolve():
@@ -159,7 +107,7 @@ def _notes(runs: list[RunData]) -> list[str]:
             )
     for i, run in enumerate(runs):
         told = run.parameters
-        if unknown := [n for n in told if told[n].get("verdict") == "not identifiable"]:
+        if unknown := [n for n in names if told[n].get("verdict") == "not identifiable"]:
             of_them = ", ".join(unknown[:_MOST_NAMED]) + ", ..." * (len(unknown) > _MOST_NAMED)
             notes.append(f"run {i + 1} does not tell {of_them}: that it agrees there says nothing")
     if any(a.config.get("task_content") != b.config.get("task_content") for a, b in pairwise(runs)):

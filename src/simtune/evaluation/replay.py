@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from simtune.before_after.readings import Tuned, replay
+from simtune.before_after.readings import Replayed, Tuned, replay
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.real.observed import observed, open_recordings
@@ -19,7 +19,9 @@ _SMALLEST_PX = 1  # nothing is drawn
 
 
 def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None) -> dict[str, Any]:
-    """{"sensors": {joint: its unit, rms before and after tuning}, "episodes"}.
+    """{"sensors": {joint: its unit, rms before and after tuning, better_in}, "episodes"}.
+
+    `better_in`: the number of episodes that are replayed better after tuning.
 
     Raises InputError for a run without joint readings, or recordings that do not match it.
     """
@@ -37,10 +39,22 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     offsets = {name: facts["offset"] for name, facts in run.result["sensors"].items()}
     simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s, views=())
     tuned = Tuned(mean, offsets, *_late(run, real.step_s))
-    scores = replay(simulator, real.observation, trajectories, start, tuned).scores()
-    kept = ("unit", "rms_before", "rms")
-    sensors = {name: {key: facts[key] for key in kept} for name, facts in scores.items()}
+    replayed = replay(simulator, real.observation, trajectories, start, tuned)
+    kept, less_left = ("unit", "rms_before", "rms"), better_in(replayed)
+    sensors = {
+        name: {key: facts[key] for key in kept} | {"better_in": less_left[name]}
+        for name, facts in replayed.scores().items()
+    }
     return {"sensors": sensors, "episodes": len(trajectories)}
+
+
+def better_in(replayed: Replayed) -> dict[str, int]:
+    """{reading: the number of episodes in which less is left after tuning}."""
+    before, after = (
+        np.nansum(np.square(values - replayed.measured), 1)
+        for values in (replayed.before, replayed.after)
+    )
+    return dict(zip(replayed.labels, (after < before).sum(0).tolist(), strict=True))
 
 
 def _late(run: RunData, step_s: float) -> tuple[int, float]:

@@ -12,6 +12,7 @@ from simtune.errors import InputError
 from simtune.export.mjcf import tuned_model, write_mjcf
 from simtune.export.samples import draw_samples, write_samples
 from simtune.export.script import apply_script
+from simtune.export.summary import summary
 from simtune.export.worlds import refuse_unfit, write_module, write_worlds
 from simtune.parameters import ModelWriter, ParameterSpace
 from simtune.report.data import RunData
@@ -19,7 +20,7 @@ from simtune.report.read_run import read_finished
 from simtune.run.files import write_atomically, write_json
 from simtune.tasks import Task, with_model
 
-__all__ = ["draw_samples", "export", "tuned_model"]
+__all__ = ["draw_samples", "export", "summary", "tuned_model"]
 
 _PROVENANCE = ("command", "method", "search", "seed", "real", "real_episodes", "recordings")
 _MODEL_CHECKS = ("warnings", "correlations", "combinations")
@@ -82,12 +83,12 @@ def _content(run: RunData, space: ParameterSpace) -> dict[str, Any]:
 
 def _beside_the_model(result: Mapping[str, Any]) -> dict[str, Any]:
     """What was found of the recordings, and what no model holds: delays, and sensors' offsets."""
-    late_s = {
-        name: result.get(f"{name}_late_s", (0.0, 0.0))[0] for name in ("pictures", "readings")
-    }
+    found = {name: result.get(f"{name}_late_s", (0.0, 0.0)) for name in ("pictures", "readings")}
+    late_s, late_std_s = ({name: its[i] for name, its in found.items()} for i in (0, 1))
     late_s["actions"] = result.get("latency_steps", 0) * result.get("step_s", 0.0)
     sensors: Mapping[str, Any] = result.get("sensors", {})
-    return {"late_s": late_s, "offsets": {name: its["offset"] for name, its in sensors.items()}}
+    offsets = {name: its["offset"] for name, its in sensors.items()}
+    return {"late_s": late_s, "late_std_s": late_std_s, "offsets": offsets}
 
 
 def _write_file(path: Path, space: ParameterSpace, draws: np.ndarray) -> Path:

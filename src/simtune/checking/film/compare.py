@@ -25,6 +25,10 @@ _STUCK = (
     "the model is stuck, and no motion can be compared; does an actuator reach the joint, is it "
     "locked or held by its limits, or is something in the way?"
 )
+_EXCHANGED = (
+    "what moves in the film moves as camera {} sees it, and what moves in that one's film as this "
+    "camera does: are their keys exchanged?"
+)
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class Comparison:
     simulated_moving_share: float
     nearest: np.ndarray  # (E, K) nearest of the library's W · K pictures, for each of the film's
     is_judged: bool  # whether the simulator draws all that the film shows
+    is_plate: bool = False  # whether it draws the film's own background: only motion can differ
+    exchanged_with: str | None = None  # the camera whose film this one seems to have instead
 
     @property
     def is_reframed(self) -> bool:
@@ -50,6 +56,7 @@ class Comparison:
         """Facts for the result; JSON."""
         return {
             "alike": self.alike,
+            "exchanged_with": self.exchanged_with,
             "framing": self.framing.says if self.is_reframed else None,
             "gain": self.gain,
             "needed_gain": self.needed_gain,
@@ -60,6 +67,8 @@ class Comparison:
     @property
     def warnings(self) -> list[str]:
         """A sentence if the film cannot show the simulator's scene as its camera sees it."""
+        if self.exchanged_with is not None:
+            return [_EXCHANGED.format(self.exchanged_with)]
         if self.simulated_moving_share < _STILL * self.moving_share > _STILL * _SOME:
             return [_STUCK]
         if self.moving_share < _STILL * self.simulated_moving_share:
@@ -77,11 +86,24 @@ class Comparison:
             ]
         return []
 
+    @property
+    def all_clear(self) -> str:
+        """What no warning means: only what was compared can have differed."""
+        if not self.is_plate:
+            return "nothing says that this is another scene or another view"
+        return (
+            "the background is the film's own, so it tells nothing: only what moves was compared, "
+            f"and is {self.alike:.2f} times as like the simulator's as its own worlds' is"
+        )
 
-def compare(film: np.ndarray, library: Library, is_judged: bool = True) -> Comparison:
+
+def compare(
+    film: np.ndarray, library: Library, is_judged: bool = True, is_plate: bool = False
+) -> Comparison:
     """Compare one camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library.
 
     `is_judged`: whether the simulator draws all that the film shows, so that it must be alike.
+    `is_plate`: whether the library is drawn in front of the film's own background.
     """
     film = np.stack([brought_to_size(episode) for episode in film])
     usual = np.maximum(_own_likeness(library), 1e-3)
@@ -99,6 +121,7 @@ def compare(film: np.ndarray, library: Library, is_judged: bool = True) -> Compa
         simulated_moving_share=float(moving_share(library.frames).mean()),
         nearest=both.argmax(1).reshape(film.shape[:2]),
         is_judged=is_judged,
+        is_plate=is_plate,
     )
 
 

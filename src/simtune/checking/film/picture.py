@@ -164,6 +164,7 @@ def _legend(figure: Figure, y: float) -> None:
 
 def _verdict(figure: Figure, comparison: Comparison, y: float) -> None:
     warned = comparison.warnings
-    says = warned[0] if warned else "nothing says that this is another scene or another view"
-    lines, colour = textwrap.fill(says, 105), _BAD if warned else _GOOD
+    says = warned[0] if warned else comparison.all_clear
+    good = _INK if comparison.is_plate else _GOOD
+    lines, colour = textwrap.fill(says, 105), _BAD if warned else good
     figure.text(_LEFT, y, lines, fontsize=9.5, color=colour, va="bottom")

@@ -1,0 +1,71 @@
+"""Parts that a background of the recordings shows, too, because they rest most of the time."""
+
+import numpy as np
+
+from simtune.cameras.views import parts
+from simtune.checking.extents import corners_of_parts
+from simtune.checking.film.features import SIZE, describe
+from simtune.checking.film.library import Library, brought_to_size
+from simtune.simulation import Simulator
+
+_AT_REST_PX = 2.0  # of SIZE: all corners of a part are so near to where they usually are
+_MOSTLY = 0.5  # share of the pictures
+_SHOWN = 0.7  # least cosine of the background's edges and the resting part's
+_WORLDS, _PICTURES = 16, 12  # of a library that are looked at
+_BLOCK = 2  # pixels
+
+
+def resting_parts(simulator: Simulator, library: Library, view: int) -> list[str]:
+    """Names of moving bodies that rest in most of a library's pictures, and that the plate of
+    the simulator's view of this index shows where they rest.
+    """
+    plate = simulator.views[view].plate
+    if plate is None:
+        return []
+    worlds, pictures = (
+        np.linspace(0, length - 1, num).astype(int)
+        for length, num in zip(library.states.shape, (_WORLDS, _PICTURES), strict=False)
+    )
+    states, frames = (
+        array[worlds][:, pictures].reshape(-1, *array.shape[2:])
+        for array in (library.states, library.frames)
+    )
+    still = brought_to_size(plate[None])[0]
+    found = []
+    for name, corners in _corners_px(simulator, states, view).items():
+        away = np.abs(corners - np.median(corners, 0)).max((1, 2))
+        if (away < _AT_REST_PX).mean() <= _MOSTLY:
+            continue
+        nearest = int(away.argmin())
+        if _edges_agree(still, frames[nearest], corners[nearest]) > _SHOWN:
+            found.append(name)
+    return found
+
+
+def _corners_px(simulator: Simulator, states: np.ndarray, view: int) -> dict[str, np.ndarray]:
+    """{body: (n, L, 2)} pixels, of SIZE, of the corners of its geoms in a view, for (n, S)."""
+    model = simulator.model
+    corners = corners_of_parts(model, simulator.views, simulator.image_size)
+    nominal = np.tile(simulator.space.nominal, (len(states), 1))
+    rng = np.random.default_rng(0)
+    seen = simulator.begin(nominal, rng, starts=states, observe=corners.observe).observed
+    pixels = seen.reshape(-1, len(corners), 2).astype(float)
+    columns = parts(simulator.widths)[view]
+    pixels[..., 0] -= columns.start
+    pixels *= SIZE / np.array([columns.stop - columns.start, simulator.image_size])
+    bodies = model.body_weldid[model.geom_bodyid[corners.geoms]]
+    in_view = corners.views == view
+    return {
+        model.body(body).name or f"body {body}": pixels[:, in_view & (bodies == body)]
+        for body in np.unique(bodies[in_view]).tolist()
+    }
+
+
+def _edges_agree(still: np.ndarray, frame: np.ndarray, corners: np.ndarray) -> float:
+    """Cosine of the edges of two pictures in the box of the corners (L, 2); 0 without any."""
+    low = np.floor(corners.min(0) / _BLOCK).astype(int).clip(0)
+    high = np.ceil(corners.max(0) / _BLOCK).astype(int).clip(-1) + 1
+    half = SIZE // _BLOCK
+    edges = describe(np.stack([still, frame])[:, None]).edges.reshape(2, half, half, 2)
+    one, other = edges[:, low[1] : high[1], low[0] : high[0]].reshape(2, -1)
+    return float(one @ other / max(np.linalg.norm(one) * np.linalg.norm(other), 1e-6))
