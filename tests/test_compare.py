@@ -137,6 +137,12 @@ def test_notes_say_where_agreeing_says_little(tmp_path):
     other = a_run(tmp_path / "other", mean, recordings=recordings)
     assert "of the same recordings" in compared(one, other)["notes"][0]
     assert compared(one, one)["notes"] == ["runs 1 and 2 are one and the same"]
+    named = [{"names": names} | recordings for names in (["a", "b"], ["b", "c"], ["d"])]
+    some, overlap, apart = (
+        a_run(tmp_path / its["names"][-1], mean, recordings=its) for its in named
+    )
+    assert "of the same recordings" in compared(some, overlap)["notes"][0]
+    assert compared(some, apart)["notes"] == []
     write_json(other / "config.json", {"config": {"task": "finger", "task_content": "b"}})
     assert "the tuning file is not the same" in compared(one, other)["notes"][1]
     assert "note: runs 1 and 2 are of" in "\n".join(table(compared(one, other)))

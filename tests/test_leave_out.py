@@ -7,6 +7,7 @@ import pytest
 
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.real.recorded import how_many
 from simtune.recordings import open_dataset
 from simtune.recordings.lerobot import write_dataset
 from simtune.trajectory import Trajectory
@@ -37,7 +38,7 @@ def test_what_is_left_out_is_not_read_and_the_others_keep_their_names(folder):
     assert abs(read[1].frames.astype(float) - 160).max() < 8  # its own pictures, through mp4
     facts = dataset.facts(2)
     assert facts["names"] == ["episode 0", "episode 2"]
-    assert facts["episodes_in_dataset"] == 2
+    assert (facts["episodes_in_dataset"], facts["left_out"]) == (3, 1)
 
 
 @pytest.mark.parametrize(
@@ -50,6 +51,12 @@ def test_what_is_left_out_is_not_read_and_the_others_keep_their_names(folder):
 def test_what_cannot_be_left_out_is_refused(folder, left_out, message):
     with pytest.raises(InputError, match=message):
         open_dataset(folder, leave_out=left_out)
+
+
+def test_no_more_episodes_are_read_than_remain(folder):
+    dataset = open_dataset(folder, leave_out=["1"])
+    with pytest.raises(InputError, match="3 episodes asked for, it holds 2 besides those left out"):
+        how_many(dataset, 3)
 
 
 def test_leaving_out_goes_with_recordings():

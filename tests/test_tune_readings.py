@@ -251,11 +251,11 @@ def test_gaps_and_lost_packets_do_no_harm(arm: Path, truth: Path, tmp_path: Path
 
 @pytest.mark.thorough
 def test_recordings_are_tuned_to_and_others_replayed(arm: Path, truth: Path, tmp_path: Path):
-    for name, seed in (("some", 0), ("others", 1)):
-        options = {"parameters": truth, "episodes": 3, "seed": seed, "out": tmp_path / name}
+    for name, num, seed in (("some", 4, 0), ("others", 3, 1)):
+        options = {"parameters": truth, "episodes": num, "seed": seed, "out": tmp_path / name}
         record(RecordConfig(task=str(arm), **options))
     run = tmp_path / "run"
-    config = TuneConfig(task=str(arm), real=str(tmp_path / "some"), out=run)
+    config = TuneConfig(task=str(arm), real=str(tmp_path / "some"), out=run, leave_out="3")
     result = tune(config)
     assert not result["stopped"].startswith("the time is over")
     score = evaluate(EvaluateConfig(run_folder=run, real=tmp_path / "others"))

@@ -116,9 +116,12 @@ def _notes(runs: list[RunData], names: list[str]) -> list[str]:
 
 
 def _saw_the_same(a: RunData, b: RunData) -> bool:
-    """Whether runs read the same recordings, or filmed one pseudo-real world alike."""
-    if digest := a.object("recordings").get("dataset_hash"):
-        return digest == b.object("recordings").get("dataset_hash")
+    """Whether runs read an episode of the same recordings, or filmed one pseudo-real world alike."""
+    one, other = a.object("recordings"), b.object("recordings")
+    if digest := one.get("dataset_hash"):
+        are_apart = set(one.get("names", ())).isdisjoint(other.get("names", ()))
+        has_names = "names" in one and "names" in other
+        return digest == other.get("dataset_hash") and not (has_names and are_apart)
     is_pseudo = a.config.get("real") == "pseudo" and bool(a.config.get("truth"))
     filmed_by = ("real", "truth", "seed", "real_gap", "method")  # a policy films as it acts
     return is_pseudo and all(a.config.get(key) == b.config.get(key) for key in filmed_by)

@@ -68,9 +68,9 @@ def _late(run: RunData, step_s: float) -> tuple[int, float]:
 
 
 def _open(run: RunData, task: Task, recordings: Path) -> RecordedReal:
-    """With the run's own options; readings only."""
+    """All episodes, with the run's other options; readings only."""
     options = {f.name: run.config[f.name] for f in fields(TuneConfig) if f.name in run.config}
-    options |= {"out": run.path, "real": str(recordings)}
+    options |= {"out": run.path, "real": str(recordings), "leave_out": None}
     config = TuneConfig(**options)
     names = tuple(sensor.name for sensor in task.sensors)
     asked = config.observed

@@ -76,7 +76,9 @@ def how_many(dataset: Dataset, asked: int | None) -> int:
     if asked is None:
         return min(there, _A_FEW)
     if not 1 <= asked <= there:
+        besides = " besides those left out" if dataset.num_left_out else ""
         raise InputError(
-            f"{dataset.where}: {asked} episodes asked for, it holds {there}; ask for 1 to {there}"
+            f"{dataset.where}: {asked} episodes asked for, it holds {there}{besides}; ask for 1 to "
+            f"{there}"
         )
     return asked

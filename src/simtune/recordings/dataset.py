@@ -71,6 +71,7 @@ class Dataset:
         self._kept = kept_episodes(source, leave_out)  # indices of the source's
         self.episodes = [source.episodes[index] for index in self._kept]  # names
         self.num_episodes = len(self.episodes)
+        self.num_left_out = len(source.episodes) - self.num_episodes
 
     @property
     def aspects(self) -> list[float]:
@@ -160,7 +161,8 @@ class Dataset:
             },
             "names": self.episodes[:num_episodes],
             "episodes": num_episodes,
-            "episodes_in_dataset": self.num_episodes,
+            "episodes_in_dataset": len(self._source.episodes),
+            "left_out": self.num_left_out,
             "steps": sum(s.num_steps for s in seen),
         }
 
