@@ -371,7 +371,7 @@ def test_known_worlds_begin_where_the_real_episodes_did():
     stage = FitStage(context, model, known, exact, AllEvidence(()))
     observed = stage.observed([real] * 4, [model.detect(real.frames)] * 4)
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
-    made = stage.bootstrap(observed, fit, start, (2, 3), rng, False, Budget())
+    made = stage.bootstrap(observed, fit, start, 2, 3, rng, False, Budget())
     assert len(made.errors) == len(played) == 2
     for world in played:
         np.testing.assert_array_equal(world.states[:, 0], begun[:3])

@@ -278,7 +278,7 @@ def test_a_lost_packet_changes_no_servo(blind):
     spoilt[2].readings["cart"][10:] = np.nan
     expected, found = (look_at_servos(t, simulator, seen) for t in (sound, spoilt))
     missing, lost = found.warnings
-    assert "slide is missing at 84% of the steps of episode 2" in missing
+    assert "84% of the steps of episode 2, counted from 0, lack slide" in missing
     assert "elbow reads 655 rad at step 30 of episode 1" in lost
     servo = expected.servos["elbow"]
     assert found.servos["elbow"].rms == pytest.approx(servo.rms, rel=0.02)
@@ -411,20 +411,21 @@ def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, cap
     assert np.ptp(picture[..., :3]) > 0.5
 
 
-def test_readings_that_span_more_than_a_joint_without_a_servo_can_move_are_noticed():
+def test_readings_that_span_more_than_a_joint_can_move_are_noticed():
     scene = SCENE.replace('type="slide"', 'type="slide" limited="true" range="-.2 .3"')
     model = mujoco.MjModel.from_xml_string(scene)
     slide = SimpleNamespace(joints=("slide",), is_velocity=False, unit="m")
     sensors = cast(list[JointSensor], [slide])
     read = np.linspace(0, 1, 200).reshape(2, 100, 1)
-    (said,) = beyond_ranges(model, sensors, read, [False])
+    (said,) = beyond_ranges(model, sensors, read, [1.25])
     assert said.startswith("slide reads 0.01 to 0.99 m, farther apart than the model's joint can")
     assert "-0.2 to 0.3" in said
-    assert not beyond_ranges(model, sensors, 5 + 0.5 * read, [False]), "its zero may be anywhere"
-    assert not beyond_ranges(model, sensors, read, [True]), "compared with its commands"
+    assert not beyond_ranges(model, sensors, 5 + 0.5 * read, [1.25]), "its zero may be anywhere"
+    assert beyond_ranges(model, sensors, 1.6 * read, [3.0]), "as nothing that strikes it explains"
+    assert not beyond_ranges(model, sensors, read, [3.0]), "compared with its commands"
     free = mujoco.MjModel.from_xml_string(SCENE)
-    assert not beyond_ranges(free, sensors, read, [False])
-    assert not beyond_ranges(model, sensors, np.full_like(read, np.nan), [False])
+    assert not beyond_ranges(free, sensors, read, [1.25])
+    assert not beyond_ranges(model, sensors, np.full_like(read, np.nan), [1.25])
 
 
 def astray(monkeypatch, which: slice) -> None:

@@ -202,6 +202,16 @@ def test_a_joint_that_stays_behind_where_it_is_commanded_farthest():
     assert "and follows elsewhere" in said
 
 
+def test_readings_in_radians_of_a_sensor_declared_in_degrees_hardly_move():
+    """Of an arm that is pushed about, so that it hardly follows its command."""
+    asked = commands()
+    small = [reads(np.deg2rad(c[::-1]), 0.0) for c in asked]
+    (said,) = said_of(asked, small)
+    assert said.endswith("this its column? Or are these rad, and the sensor says degrees?")
+    (said,) = said_of(asked, [read / 20 for read in small])
+    assert said.endswith("is it switched on, and this its column?")
+
+
 def test_a_soft_servo_is_no_doubt():
     """It gives way everywhere alike: a gain and a gravity explain it."""
     asked = commands()
@@ -220,7 +230,7 @@ def test_a_lost_packet_is_left_out_and_said(steps):
     read[1][[17, 30, 31]] = 655.35, -40.0, -40.0
     if steps == 40:
         read[1][30:32] = true[1][30:32]
-    kept, (said,) = without_lost_packets("elbow", "rad", asked, read)
+    kept, (said,) = without_lost_packets("elbow", "rad", asked, read, 1e-3)
     assert said.startswith("elbow reads 655 rad at step 17 of episode 1, counted from 0, and -")
     assert ("(one of 3 such readings): a lost packet?" in said) == (steps == 400)
     assert np.isnan(kept[1]).sum() == (3 if steps == 400 else 1)
@@ -237,8 +247,11 @@ def test_a_joint_that_moves_once_has_lost_nothing():
     pressed[200:203], its[201:204] = 0.8, 0.7
     flickers = np.zeros(401)
     flickers[90] = 0.017
-    for command, values in ((asked, read), (pressed, its), (pressed, flickers)):
-        kept, said = without_lost_packets("grip", "rad", [command], [values])
+    both_ways, held = np.zeros(1001), np.zeros(1000)
+    both_ways[[37, 500]] = 0.0015, -0.0015
+    some = (asked, read), (pressed, its), (pressed, flickers), (held, both_ways)
+    for command, values in some:
+        kept, said = without_lost_packets("grip", "rad", [command], [values], 1e-3)
         assert said == []
         np.testing.assert_array_equal(kept[0], values)
 
@@ -248,7 +261,9 @@ def test_readings_that_are_mostly_missing():
     values[1, 21:] = np.nan  # shorter
     values[0, 10:, 1], values[1, 14:, 0] = np.nan, np.nan
     (said,) = missing(["elbow", "wrist"], values, [40, 20])
-    assert said.startswith("wrist is missing at 76% of the steps of episode 0, counted from 0: ")
+    assert said.startswith("76% of the steps of episode 0, counted from 0, lack wrist: was its l")
+    (said,) = missing(["elbow", "wrist"], values, [40, 20], ["swing3", "swing4"])
+    assert said.startswith("76% of the steps of swing3 lack wrist: ")
 
 
 def test_missing_readings_are_interpolated_before_actions_displace_them():

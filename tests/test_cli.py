@@ -311,7 +311,7 @@ def test_episodes_too_short_leave_no_folder(simtune, tmp_path, one_renderer_each
         "tune",
         "cartpole",
         *arguments,
-        message="episode 0 has 5 steps; expected at least 21: leave it out (--leave-out)",
+        message="episode 0 has 5 steps; expected at least 21: leave it out",
     )
 
 

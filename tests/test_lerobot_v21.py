@@ -163,7 +163,7 @@ def test_list_of_episodes_odd(dataset):
     edit_lines(dataset, line(0, 12), line(1, 1), line(2, 13))
     assert message(dataset) == (
         "HERE: episode 1 has 1 row; expected at least 2, a frame before and a frame after an "
-        "action; delete the episode, or use only those before it (--real-episodes)"
+        "action; leave it out (--leave-out 1)"
     )
 
 

@@ -292,7 +292,7 @@ def test_videos_of_a_robot_where_no_world_gets_are_said_to_be_so(
     place = "simtune.tuning.posterior.measure_strangeness"
     compare, told = familiarity.measure_strangeness, []
 
-    def moved(worlds: np.ndarray, held_out, detected) -> familiarity.Strange:
+    def moved(worlds: np.ndarray, held_out, detected) -> familiarity.Strangeness:
         off = 40.0 * is_strange
         films = [found._replace(keypoints=found.keypoints + off) for found in detected.detections]
         told.append(compare(worlds, held_out, Detected(detected.trajectories, films)))

@@ -345,7 +345,7 @@ def test_a_reading_that_is_never_there_is_refused_by_name(tmp_path):
     said = message(tmp_path / "dataset", readings=SENSORS, cameras=())
     assert said == (
         "HERE: episode 0: reading observation.force[0] is missing at every step; "
-        "drop the episode, or leave the reading out"
+        "leave the episode out (--leave-out), or do not ask for the reading"
     )
     with pytest.raises(InputError, match="missing at every step"):
         open_dataset(tmp_path / "dataset", readings=SENSORS, cameras=()).skim(0)

@@ -347,7 +347,7 @@ def test_demos_whose_cameras_have_other_numbers_of_pictures_are_refused(tmp_path
 def test_robomimic_cameras_and_rate(tmp_path):
     write_hdf5(tmp_path / "image.hdf5")
     said = message(tmp_path)
-    assert said.endswith("choose one by --camera: agentview_image, wrist_image")
+    assert said.endswith("[[cameras]]: agentview_image, wrist_image")
     said = message(tmp_path, cameras=[Footage(key="front")])
     assert said.endswith("no camera 'front'; there are: agentview_image, wrist_image")
     shutil.copy(tmp_path / "image.hdf5", tmp_path / "depth.hdf5")

@@ -171,8 +171,10 @@ def test_facts(written: Path):
         "gaps": {},
         "unused_s": {},
         "readings": {},
+        "names": ["episode 0", "episode 1"],
         "episodes": 2,
         "episodes_in_dataset": 3,
+        "left_out": 0,
         "steps": 18,
     }
 
@@ -232,7 +234,7 @@ def test_second_camera(dataset: Path):
         dataset / EPISODES,
         lambda rows: [row | {k.replace(first, second): row[k] for k in row} for row in rows],
     )
-    with pytest.raises(InputError, match=f"choose one by --camera: {first}, {second}"):
+    with pytest.raises(InputError, match=rf"by --camera, or name them .*: {first}, {second}"):
         read_dataset(dataset)
     for name in ("wrist", second):
         assert facts_of(dataset, name)["key"] == second
@@ -445,7 +447,7 @@ def test_b_frames_are_shown_in_order(tmp_path: Path, options: dict[str, str]):
         frames = list(frames_at(path, times_s, tolerance_s=0.05))
         assert [number(frame) for _, frame in frames] == numbers
         assert [round(10 * shown_s, 4) for shown_s, _ in frames] == numbers
-    with pytest.raises(InputError, match=r"no frame is shown within 0.05 s of 3.96 s"):
+    with pytest.raises(InputError, match=r"ends at 3.9 s, and a row asks for the frame at 3.96 s"):
         list(frames_at(path, [3.9, 3.96], tolerance_s=0.05))
 
 
@@ -736,7 +738,7 @@ def test_short_episode(dataset: Path):
     edit_table(dataset / EPISODES, lambda rows: [rows[0], rows[1] | {"length": 1}, rows[2]])
     assert message(dataset) == (
         "HERE: episode 1 has 1 row; expected at least 2, a frame before and a frame after an "
-        "action; delete the episode, or use only those before it (--real-episodes)"
+        "action; leave it out (--leave-out 1)"
     )
     assert len(read_dataset(dataset, max_episodes=1).trajectories) == 1  # the others are sound
 
@@ -795,8 +797,9 @@ def test_files_missing(dataset: Path):
 def test_video_short(dataset: Path):
     write_video(dataset / VIDEO, [picture(index) for index in range(18)], FPS)
     assert message(dataset) == (
-        f"episode 1, step 6: HERE/{VIDEO}: no frame is shown within 0.051 s of 1.8 s; "
-        "the video is truncated or lacks frames, copy the file again"
+        f"episode 1, step 6: HERE/{VIDEO}: ends at 1.7 s, and a row asks for the frame at "
+        "1.8 s: there are fewer frames than rows; copy the file again, or leave the episode out "
+        "(--leave-out)"
     )
     assert len(read_dataset(dataset, max_episodes=1).trajectories) == 1
 

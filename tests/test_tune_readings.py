@@ -320,7 +320,7 @@ def test_an_episode_too_short_to_be_fitted_is_named():
     with pytest.raises(InputError, match=name + "has 5"):
         ReadingsSearch.check(search, [whole, short, whole])
     with pytest.raises(InputError, match="at least 8 steps; swing3 has 5"):
-        ReadingsSearch.check(search, [whole, replace(short, name="swing3")])
+        ReadingsSearch.check(search, [whole, short], ["swing2", "swing3"])
 
 
 def test_a_run_without_readings_cannot_be_replayed(tmp_path: Path):

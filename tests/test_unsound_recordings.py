@@ -543,7 +543,7 @@ READING_CASES = {
     "one number for two": lines(state(0.1), "expected 2 numbers of 'observation.state' .* got 1"),
     "never finite": lines(
         state([0.1, float("nan")]),
-        "episode 1: reading observation.state.v is missing at every step; drop",
+        "episode 1: reading observation.state.v is missing at every step; leave",
     ),
     "all missing": lines(state(None), "expected 2 numbers|missing at every step"),
     "huge": lines(

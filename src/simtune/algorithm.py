@@ -112,8 +112,12 @@ class Training:
             return []
         filmed: list[Trajectory] = []
         if agent.can_act:
-            explore = partial(agent.act, sample=True)
-            filmed = real.run_policy(explore, schedule.num_stacked, num_episodes, cycle)
+            filmed = real.run_policy(
+                lambda frames: agent.act(frames, sample=True),
+                schedule.num_stacked,
+                num_episodes,
+                cycle,
+            )
         elif self.run.step:
             self.num_skipped += 1
         is_first = cycle == 0 and not filmed  # no policy yet, or recordings only

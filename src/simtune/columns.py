@@ -25,3 +25,8 @@ def cut(items: Sequence[str], most: int, separator: str = ", ") -> str:
 def counted(num: int, what: str) -> str:
     """A number with its noun: 1 round, 2 rounds."""
     return f"{num} {what}{'s' * (num != 1)}"
+
+
+def episode_in_words(names: Sequence[str], index: int) -> str:
+    """How a message calls an episode: as recordings do, or by its number if there are no names."""
+    return names[index] if names else f"episode {index}, counted from 0,"

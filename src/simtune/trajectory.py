@@ -1,6 +1,6 @@
 """A trajectory: the frames of an episode and the actions between them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,7 +41,6 @@ class Trajectory:
     step_s: float
     # {sensor: (T + 1, D)} measured with each frame
     readings: Mapping[str, np.ndarray] = field(default_factory=dict)
-    name: str = ""  # of the episode, as recordings have it
 
     def __post_init__(self) -> None:
         frames, actions = self.frames, self.actions
@@ -73,8 +72,3 @@ class Trajectory:
         readings = {name: values[: steps + 1] for name, values in self.readings.items()}
         frames, actions = self.frames[: steps + 1], self.actions[:steps]
         return replace(self, frames=frames, actions=actions, readings=readings)
-
-
-def in_words(trajectories: Sequence[Trajectory], index: int) -> str:
-    """How a message calls an episode."""
-    return trajectories[index].name or f"episode {index}, counted from 0,"

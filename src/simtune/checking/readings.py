@@ -1,5 +1,6 @@
 """Joint readings in `check`: how servos follow, and what parameters change in them."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
@@ -9,7 +10,7 @@ import numpy as np
 from simtune.checking.servos.commands import commands_of, servos_of
 from simtune.checking.servos.doubts import doubts
 from simtune.checking.servos.fit import Servo, fit_servo, predict
-from simtune.checking.servos.joint_ranges import beyond_ranges
+from simtune.checking.servos.joint_ranges import CERTAINLY_WIDER, WIDER, beyond_ranges
 from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.play import find_play
@@ -50,13 +51,16 @@ def read_episodes(
     trajectories = [
         read_episode(dataset, episode, observation, pictures=False) for episode in range(num)
     ]
-    return look_at_servos(trajectories, simulator, observation)
+    return look_at_servos(trajectories, simulator, observation, dataset.episodes)
 
 
 def look_at_servos(
-    trajectories: list[Trajectory], simulator: Simulator, observation: ObservationModel
+    trajectories: list[Trajectory],
+    simulator: Simulator,
+    observation: ObservationModel,
+    names: Sequence[str] = (),
 ) -> ReadEpisodes:
-    """How the joints of episodes follow their commands."""
+    """How the joints of episodes, with these names, follow their commands."""
     servos, plays, found = dict[str, Servo](), dict[str, float | None](), list[str]()
     curves = dict[str, Curve]()
     sensors = joints_of(observation.sensors)
@@ -64,9 +68,9 @@ def look_at_servos(
     followed = servos_of(simulator, sensors)
     commands = commands_of(simulator, sensors, trajectories) if any(followed) else []
     read = Readings.of(trajectories, sensors).values
-    has_servo = [servo is not None for servo in followed]
-    found += beyond_ranges(simulator.model, sensors, read, has_servo)
-    found += missing(labels, read, [len(t) for t in trajectories])
+    noise = usual_noise(sensors)
+    wider = [WIDER if servo is None else CERTAINLY_WIDER for servo in followed]
+    found += missing(labels, read, [len(t) for t in trajectories], names)
     long = [e for e, c in enumerate(commands) if len(c) >= _FEWEST_STEPS]
     for column, command_of in enumerate(followed):
         if command_of is None or not long:
@@ -74,15 +78,18 @@ def look_at_servos(
         asked = [command_of.targets(c) for c in commands]
         measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
         label, unit = labels[column], units[column]
-        measured, lost = without_lost_packets(label, unit, asked, measured)
+        measured, lost = without_lost_packets(label, unit, asked, measured, noise[column], names)
         fitted = [asked[e] for e in long], [measured[e] for e in long]
         servo = fit_servo(*fitted, simulator.step_s)
         play = find_play(servo, *fitted, simulator.step_s)
         servos[label], plays[label] = servo, play.width if play.is_clear(servo.noise) else None
-        found += lost + doubts(label, unit, asked, measured, servo, simulator.step_s)
+        if doubtful := doubts(label, unit, asked, measured, servo, simulator.step_s, names):
+            wider[column] = math.inf  # nothing said twice
+        found += lost + doubtful
         command = asked[long[0]]
         (predicted,) = predict(servo, [command], simulator.step_s)
         curves[label] = Curve(unit, command, measured[long[0]], predicted, servo)
+    found += beyond_ranges(simulator.model, sensors, read, wider)
     facts = {
         label: plain({"unit": units[labels.index(label)], **asdict(servo), "play": plays[label]})
         for label, servo in servos.items()

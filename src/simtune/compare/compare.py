@@ -116,7 +116,7 @@ def _notes(runs: list[RunData], names: list[str]) -> list[str]:
 
 
 def _saw_the_same(a: RunData, b: RunData) -> bool:
-    """Whether runs read an episode of the same recordings, or filmed one pseudo-real world alike."""
+    """Whether runs read an episode of the same recordings, or filmed a pseudo-real world alike."""
     one, other = a.object("recordings"), b.object("recordings")
     if digest := one.get("dataset_hash"):
         are_apart = set(one.get("names", ())).isdisjoint(other.get("names", ()))

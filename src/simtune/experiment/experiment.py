@@ -102,7 +102,7 @@ def build_search(problem: TuningProblem, name: SearchName, settings: Settings) -
         )
         search = make_search(name, problem.context, settings.search or usual)
     if problem.recordings:
-        search.check(problem.recordings)
+        search.check(problem.recordings, problem.real.facts.get("names", ()))
     return search
 
 

@@ -109,8 +109,7 @@ class Dataset:
             if step == 0:
                 frames = np.empty((len(steps.times_s), *picture.shape), np.uint8)
             frames[step] = picture
-        name = self.episodes[episode]
-        return Trajectory(frames, steps.actions, self.step_s, steps.readings, name)
+        return Trajectory(frames, steps.actions, self.step_s, steps.readings)
 
     def skim(
         self, episode: int, num_kept: int = 0, within_steps: int | None = None

@@ -30,7 +30,8 @@ class PairsSource:
         if pictures and camera is not None:
             raise InputError(
                 f"{folder}: pairs of mp4 and csv have one camera, without a name; "
-                "leave out --camera, or the camera's key in the tuning file"
+                "leave out --camera, or the camera's key in the tuning file; two cameras need a "
+                "LeRobotDataset, or arrays with frames.NAME of each"
             )
         self.path, self.camera = folder, "mp4" if pictures else None
         self.robot_type: str | None = None

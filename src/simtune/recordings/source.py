@@ -152,7 +152,10 @@ def choose_camera(where: Path, cameras: Sequence[str], asked: str | None, full_n
     """
     keys = cameras if asked is None else (asked, full_name.format(asked))
     if asked is None and len(cameras) > 1:
-        raise InputError(f"{where}: has several cameras, choose one by --camera: {short(cameras)}")
+        raise InputError(
+            f"{where}: has several cameras, choose one by --camera, or name them by "
+            f"key in the tuning file's [[cameras]]: {short(cameras)}"
+        )
     for key in keys:
         if key in cameras:
             return key

@@ -84,7 +84,7 @@ def _by_sensor(
     if (column := first_wrong(np.all(~np.isfinite(values), axis=0))) is not None:
         raise InputError(
             f"{where}: reading {of_all[column].full_name} is missing at every step; "
-            "drop the episode, or leave the reading out"
+            "leave the episode out (--leave-out), or do not ask for the reading"
         )
     is_huge = np.isfinite(values) & (np.abs(np.nan_to_num(values)) > _LARGEST_READING)
     if (row := first_wrong(np.any(is_huge, axis=1))) is not None:

@@ -100,6 +100,12 @@ def frames_at(
         ):
             nearest, following = following, next(frames, None)
         if nearest is None or abs(nearest.time_s - time_s) >= tolerance_s:
+            if nearest and not following:
+                raise InputError(
+                    f"{path}: ends at {nearest.time_s:g} s, and a row asks for the frame at "
+                    f"{time_s:g} s: there are fewer frames than rows; copy the file again, or leave "
+                    "the episode out (--leave-out)"
+                )
             raise InputError(
                 f"{path}: no frame is shown within {tolerance_s:.3g} s of {time_s:g} s; "
                 "the video is truncated or lacks frames, copy the file again"

@@ -1,5 +1,6 @@
 """No search: Ξ stays as it is, for domain randomisation and the oracle (Sec. VI-A)."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ class FixedRange:
     def __init__(self, distribution: Distribution):
         self.distribution = distribution
 
-    def check(self, real: list[Trajectory]) -> None:
+    def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
         """Accepts anything."""
 
     def measure_time(self, real: list[Trajectory]) -> TimeNeeded:

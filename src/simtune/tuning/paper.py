@@ -1,5 +1,6 @@
 """The paper's search: small steps of ξ_mean in the SPM's direction (Algorithm 1, Sec. IV-B)."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -173,7 +174,7 @@ class PaperSearch:
             events = arrivals(mean, self.distribution)
         return events, {f"{key}/{n}": v for n, v in self.space.to_dict(answer).items()}
 
-    def check(self, real: list[Trajectory]) -> None:
+    def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
         size = self._simulator.image_size
         for trajectory in real:
             if trajectory.frames.shape[1:3] != (size, size):

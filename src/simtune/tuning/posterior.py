@@ -15,19 +15,20 @@ A round is sequential neural posterior estimation with a truncated prior, follow
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 
 from simtune.budget import Budget
+from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.networks.layers import load_generator, load_weights, under
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
-from simtune.trajectory import Trajectory, in_words
+from simtune.trajectory import Trajectory
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.familiarity import doubted, measure_strangeness
@@ -99,15 +100,16 @@ class PosteriorSearch:
     def stop_reason(self) -> str:
         return self._rounds.stop_reason
 
-    def check(self, real: list[Trajectory]) -> None:
+    def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
         if not real:
             raise InputError("no episodes: there is nothing to tune to")
         lengths = [len(t) for t in real]
         if (steps := min(lengths)) < SHORTEST_STEPS:
+            episode = episode_in_words(names, lengths.index(steps))
             raise InputError(
-                f"{in_words(real, lengths.index(steps))} has {steps} steps; expected at least "
-                f"{SHORTEST_STEPS}: leave it out (--leave-out), or record a longer one"
+                f"{episode} has {steps} steps; expected at least {SHORTEST_STEPS}: leave it out "
+                "(--leave-out), or record a longer one"
             )
 
     def measure_time(self, real: list[Trajectory]) -> TimeNeeded:

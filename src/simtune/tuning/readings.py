@@ -12,6 +12,7 @@ single round:
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,11 +20,12 @@ import numpy as np
 import torch
 
 from simtune.budget import Budget
+from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.fit import MOST_EPISODES, Lateness, OpenLoopReplay, OutputErrorMethod, Readings
 from simtune.observation import finds_offset
 from simtune.simulation import Simulator
-from simtune.trajectory import Trajectory, in_words
+from simtune.trajectory import Trajectory
 from simtune.tuning.pace import slow_steps
 from simtune.tuning.readings_fits import FEWEST_STEPS, BestDescent, Horizons, ReadingsFits
 from simtune.tuning.readings_verdict import ReadingsFit, conclude
@@ -69,11 +71,15 @@ class ReadingsSearch:
         self.stop_reason = ""
         self._derived_s = 0.0  # seconds of all derivatives of whole episodes, once measured
 
-    def check(self, real: list[Trajectory]) -> None:
+    def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
         lengths = [len(trajectory) for trajectory in real]
         if (steps := min(lengths, default=0)) < FEWEST_STEPS:
-            got = f"{in_words(real, lengths.index(steps))} has {steps}" if real else "got none"
+            got = (
+                f"{episode_in_words(names, lengths.index(steps))} has {steps}"
+                if real
+                else "got none"
+            )
             raise InputError(f"episodes must last at least {FEWEST_STEPS} steps; {got}")
 
     def measure_time(self, real: list[Trajectory]) -> TimeNeeded:

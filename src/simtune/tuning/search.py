@@ -1,6 +1,6 @@
 """The interface of searches: what a search is given, and what a round returns."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -100,8 +100,11 @@ class Search(Protocol):
         """
         ...
 
-    def check(self, real: list[Trajectory]) -> None:
-        """Raises InputError for trajectories that cannot be used, e.g. too short ones."""
+    def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
+        """Raises InputError for trajectories that cannot be used, e.g. too short ones.
+
+        `names`: what recordings call them.
+        """
         ...
 
     def run_round(

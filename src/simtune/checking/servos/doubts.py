@@ -1,10 +1,12 @@
 """Features of a joint's readings that no servo in a model can explain, a sentence each."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from simtune.checking.servos.fit import Episodes, Servo, delay_of, delayed_by, predict
+from simtune.columns import episode_in_words
 
 _MOVED = 0.05  # of what is commanded: a joint that moves less stands still
 _STUCK_S = 0.7  # with exactly the same reading
@@ -26,9 +28,15 @@ class Following(NamedTuple):
 
 
 def doubts(
-    name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
+    name: str,
+    unit: str,
+    commands: Episodes,
+    measured: Episodes,
+    servo: Servo,
+    step_s: float,
+    episodes: Sequence[str] = (),
 ) -> list[str]:
-    """On a joint's (T,) commands and (T + 1,) readings in each episode, in `unit`."""
+    """On a joint's (T,) commands and (T + 1,) readings in each of the episodes, in `unit`."""
     if not servo.commanded > 0 or not np.isfinite(servo.travel):
         return []
     values = np.concatenate(list(measured))
@@ -41,11 +49,14 @@ def doubts(
     if odd := _other_scale(name, unit, following):
         return [odd]
     if servo.travel < _MOVED * servo.commanded:
+        factor, other, _ = _UNITS.get(unit, (np.nan, "", ""))
+        is_alike = servo.commanded / _SCALE < servo.travel * factor < servo.commanded * _SCALE
+        also = f" Or are these {unit}, and the sensor says {other}?" * is_alike
         return [
             f"{name} does not move, though commanded over {servo.commanded:.3g} {unit}: it reads "
-            f"within {servo.travel:.2g} {unit}; is it switched on, and this its column?"
+            f"within {servo.travel:.2g} {unit}; is it switched on, and this its column?{also}"
         ]
-    found = _stuck(name, unit, commands, measured, servo, step_s)
+    found = _stuck(name, unit, commands, measured, servo, step_s, episodes)
     if abs(following.correlation) < _HARDLY:
         return [
             *found,
@@ -91,7 +102,13 @@ def _other_scale(name: str, unit: str, following: Following) -> str | None:
 
 
 def _stuck(
-    name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
+    name: str,
+    unit: str,
+    commands: Episodes,
+    measured: Episodes,
+    servo: Servo,
+    step_s: float,
+    episodes: Sequence[str],
 ) -> list[str]:
     """The longest time with exactly the same reading, while the command changes."""
     longest = (0, 0.0, 0)  # steps, the reading, the episode
@@ -106,8 +123,9 @@ def _stuck(
     if steps * step_s < _STUCK_S:
         return []
     return [
-        f"{name} reads {value:.4g} {unit} for {steps * step_s:.2g} s of episode {episode}, counted "
-        "from 0, while it is commanded elsewhere: does its sensor get stuck, or the joint?"
+        f"{name} reads {value:.4g} {unit} for {steps * step_s:.2g} s of "
+        f"{episode_in_words(episodes, episode)} while it is commanded elsewhere: does its sensor "
+        "get stuck, or the joint?"
     ]
 
 

@@ -6,32 +6,43 @@ from collections.abc import Sequence
 import numpy as np
 
 from simtune.checking.servos.fit import Episodes
+from simtune.columns import episode_in_words
 
 _MISSING = 1 / 3  # of an episode's readings
 _USUAL = 0.01  # share of readings at each end, at least one, that do not tell a joint's travel
+_NO_FLICKER = 100.0  # times a reading's usual noise
 _FEW = 5  # readings in a row: steps shorter than rows repeat a lost one
 
 
-def missing(names: Sequence[str], values: np.ndarray, lengths: Sequence[int]) -> list[str]:
-    """On (E, T + 1, D) readings of D names, in episodes of these numbers of steps."""
+def missing(
+    labels: Sequence[str], values: np.ndarray, lengths: Sequence[int], names: Sequence[str] = ()
+) -> list[str]:
+    """On (E, T + 1, D) readings, in episodes of these numbers of steps, and with these names."""
     shares = [np.isnan(read[: n + 1]).mean(0) for read, n in zip(values, lengths, strict=True)]
     found = []
-    for name, of_episodes in zip(names, np.transpose(shares), strict=True):
+    for label, of_episodes in zip(labels, np.transpose(shares), strict=True):
         if (most := of_episodes.max()) > _MISSING:
+            episode = episode_in_words(names, int(of_episodes.argmax()))
             found.append(
-                f"{name} is missing at {most:.0%} of the steps of episode {of_episodes.argmax()}, "
-                "counted from 0: was its log cut, or is it another column?"
+                f"{most:.0%} of the steps of {episode} lack {label}: was its log cut, or is it "
+                "another column?"
             )
     return found
 
 
 def without_lost_packets(
-    name: str, unit: str, commands: Episodes, measured: Episodes
+    label: str,
+    unit: str,
+    commands: Episodes,
+    measured: Episodes,
+    noise: float,
+    names: Sequence[str] = (),
 ) -> tuple[list[np.ndarray], list[str]]:
     """A joint's (T + 1,) readings in each episode, NaN instead of lost packets; and a warning.
 
     Such a reading is far from where the joint is otherwise, farther than it and its (T,) commands
-    travel, and both before and after it the joint is where it may be.
+    travel, and both before and after it the joint is where it may be. `noise`: what is usual for
+    such readings.
     """
     values = np.sort(np.concatenate(list(measured)))
     values = values[np.isfinite(values)]
@@ -39,7 +50,7 @@ def without_lost_packets(
     if len(values) <= 2 * unusual:
         return list(measured), []
     low, high = values[unusual], values[-1 - unusual]
-    far = max(high - low, float(np.ptp(np.concatenate(list(commands)))))
+    far = max(high - low, float(np.ptp(np.concatenate(list(commands)))), _NO_FLICKER * noise)
     lost = [_lost(read, low - far, high + far) for read in measured]
     if not (num := sum(map(np.sum, lost))):
         return list(measured), []
@@ -49,9 +60,9 @@ def without_lost_packets(
     of_several = f" (one of {num} such readings)" if num > 1 else ""
     kept = [np.where(out, np.nan, read) for out, read in zip(lost, measured, strict=True)]
     return kept, [
-        f"{name} reads {measured[episode][step]:.3g} {unit} at step {step} of episode {episode}, "
-        f"counted from 0, and {low:.3g} to {high:.3g} otherwise{of_several}: a lost packet? "
-        "Leave such cells empty (NaN), as is done here"
+        f"{label} reads {measured[episode][step]:.3g} {unit} at step {step} of "
+        f"{episode_in_words(names, episode)} and {low:.3g} to {high:.3g} otherwise{of_several}: a "
+        "lost packet? Leave such cells empty (NaN), as is done here"
     ]
 
 

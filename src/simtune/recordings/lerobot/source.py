@@ -44,8 +44,8 @@ class LeRobotSource:
         if where.num_rows < 2:
             raise InputError(
                 f"{self.path}: episode {where.index} has {counted(where.num_rows, 'row')}; "
-                "expected at least 2, a frame before and a frame after an action; delete the "
-                "episode, or use only those before it (--real-episodes)"
+                "expected at least 2, a frame before and a frame after an action; leave it out "
+                f"(--leave-out {where.index})"
             )
         table = self._data(where.data_file, tuple({reading.key: None for reading in readings}))
         rows = table.filter(pc.field("episode_index") == where.index)
