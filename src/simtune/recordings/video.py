@@ -103,8 +103,8 @@ def frames_at(
             if nearest and not following:
                 raise InputError(
                     f"{path}: ends at {nearest.time_s:g} s, and a row asks for the frame at "
-                    f"{time_s:g} s: there are fewer frames than rows; copy the file again, or leave "
-                    "the episode out (--leave-out)"
+                    f"{time_s:g} s: there are fewer frames than rows; copy the file again, or "
+                    "leave the episode out (--leave-out)"
                 )
             raise InputError(
                 f"{path}: no frame is shown within {tolerance_s:.3g} s of {time_s:g} s; "
