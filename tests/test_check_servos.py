@@ -189,6 +189,22 @@ def test_half_a_period_of_a_sine_is_no_reversed_sign(lag):
     assert "moves -1 times as far" in said
 
 
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(-1, "is reversed"), (180 / np.pi, "readings degrees?"), (np.pi / 180, "rad already")],
+)
+def test_other_units_and_signs_of_an_arm_that_strikes_things(factor, said):
+    """It is held up half of the time, and follows with a correlation of 0.66."""
+    asked, rng = commands(), np.random.default_rng(3)
+    pushed = [np.repeat(rng.normal(size=40), 10) * 0.45 for _ in asked]
+    read = [
+        reads(factor * (0.75 * delayed_by(c, 3) + p)) for c, p in zip(asked, pushed, strict=True)
+    ]
+    (found,) = said_of(asked, read)
+    assert said in found
+    assert found.startswith("elbow moves ")
+
+
 def test_another_joint_s_column():
     (said,) = said_of(commands(), [reads(c) for c in commands(seed=7)])
     assert "hardly follows its command" in said

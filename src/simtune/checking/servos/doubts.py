@@ -12,8 +12,10 @@ _MOVED = 0.05  # of what is commanded: a joint that moves less stands still
 _STUCK_S = 0.7  # with exactly the same reading
 _STUCK_COMMANDED = 0.15  # of the commanded travel, in the meantime
 _FOLLOWS = 0.8  # correlation from which a joint follows its command
+_FOLLOWS_ONE_WAY = 0.6  # ... if with the other sign none is half as large, at any delay
 _HARDLY = 0.4
 _SCALE = 1.25  # factor within which two slopes may be the same
+_LESS = 2.0  # ... if contacts, which only shorten a joint's way, made one smaller
 _FAR = (0.5, 0.75)  # of the way to the farthest command: near below, far above
 _SHORT, _CLEARLY = 0.1, 4.0  # of that way; factor on the residuals near by
 _FEWEST = 20  # frames far out
@@ -25,6 +27,13 @@ _UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
 class Following(NamedTuple):
     correlation: float  # the largest in magnitude over all delays
     slope: float  # of readings against commands, at that delay
+    opposite: float  # the largest magnitude with the other sign
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether its sign and about its slope are certain."""
+        size = abs(self.correlation)
+        return size >= _FOLLOWS or (size >= _FOLLOWS_ONE_WAY and self.opposite < size / 2)
 
 
 def doubts(
@@ -70,27 +79,29 @@ def follows(commands: Episodes, measured: Episodes, servo: Servo, step_s: float)
     """Correlation of readings with commands, for any unit and sign."""
     longest = 2 * servo.lag_steps + 0.5 * _WAYS
     y = np.concatenate([read[: len(c)] for c, read in zip(commands, measured, strict=True)])
-    known, best = np.isfinite(y), Following(0.0, 0.0)
+    known, found = np.isfinite(y), [(0.0, 0.0)]
     # Of a sine, half a period more looks reversed: each sign is compared where it fits best.
     reversed_ = delay_of(commands, [-read for read in measured], step_s)
     for lag in (servo.lag_steps, reversed_, *np.linspace(0, longest, _WAYS)):
         x = np.concatenate([delayed_by(c, lag) for c in commands])[known]
         (xx, xy), (_, yy) = np.cov(x, y[known])
-        if xx > 0 and yy > 0 and abs(xy) > abs(best.correlation) * np.sqrt(xx * yy):
-            best = Following(float(xy / np.sqrt(xx * yy)), float(xy / xx))
-    return best
+        if xx > 0 and yy > 0:
+            found.append((float(xy / np.sqrt(xx * yy)), float(xy / xx)))
+    correlation, slope = max(found, key=lambda its: abs(its[0]))
+    opposite = max(0.0, *(-its * np.sign(correlation) for its, _ in found))
+    return Following(correlation, slope, float(opposite))
 
 
 def _other_scale(name: str, unit: str, following: Following) -> str | None:
-    if abs(following.correlation) < _FOLLOWS:
+    if not following.is_clear:
         return None
     size, sign = abs(following.slope), "the sign is reversed, too" if following.slope < 0 else ""
     factor, other, key = _UNITS.get(unit, (np.nan, "", ""))
     also = f"; {sign}" * bool(sign)
     times = f"{name} moves {following.slope:.3g} times as far as its command"
-    if factor / _SCALE < size < factor * _SCALE:
+    if factor / _LESS < size < factor * _SCALE:
         return f'{times}: are its readings {other}? give the sensor unit = "{key}"{also}'
-    if factor / _SCALE < 1 / size < factor * _SCALE:
+    if factor / _SCALE < 1 / size < factor * _LESS:
         where = f"{unit} already, or are the actions {other}?"
         return f"{times}: are its readings {where} see unit and [actions]{also}"
     if following.slope < 0:
