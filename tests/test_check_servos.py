@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simtune.checking.servos.commands import _without_gaps
-from simtune.checking.servos.doubts import doubts
+from simtune.checking.servos.doubts import Watched, doubts
 from simtune.checking.servos.fit import Servo, delayed_by, filtered_by, fit_servo, noise_of
 from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.play import find_play, through_play
@@ -31,7 +31,7 @@ def reads(command: np.ndarray, noise: float = 0.0, seed: int = 1) -> np.ndarray:
 
 
 def said_of(asked: list[np.ndarray], read: list[np.ndarray], unit: str = "rad") -> list[str]:
-    return doubts("elbow", unit, asked, read, fit_servo(asked, read, STEP_S), STEP_S)
+    return doubts(Watched("elbow", unit, asked, read, fit_servo(asked, read, STEP_S), STEP_S))
 
 
 # --- numbers ------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simtune.checking.servos.commands import commands_of, servos_of
-from simtune.checking.servos.doubts import doubts
+from simtune.checking.servos.doubts import Watched, doubts
 from simtune.checking.servos.fit import Servo, fit_servo, predict
 from simtune.checking.servos.joint_ranges import CERTAINLY_WIDER, WIDER, beyond_ranges
 from simtune.checking.servos.lost import missing, without_lost_packets
@@ -83,7 +83,8 @@ def look_at_servos(
         servo = fit_servo(*fitted, simulator.step_s)
         play = find_play(servo, *fitted, simulator.step_s)
         servos[label], plays[label] = servo, play.width if play.is_clear(servo.noise) else None
-        if doubtful := doubts(label, unit, asked, measured, servo, simulator.step_s, names):
+        joint = Watched(label, unit, asked, measured, servo, simulator.step_s, names)
+        if doubtful := doubts(joint):
             wider[column] = math.inf  # nothing said twice
         found += lost + doubtful
         command = asked[long[0]]

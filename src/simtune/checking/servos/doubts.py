@@ -36,16 +36,21 @@ class Following(NamedTuple):
         return size >= _FOLLOWS or (size >= _FOLLOWS_ONE_WAY and self.opposite < size / 2)
 
 
-def doubts(
-    name: str,
-    unit: str,
-    commands: Episodes,
-    measured: Episodes,
-    servo: Servo,
-    step_s: float,
-    episodes: Sequence[str] = (),
-) -> list[str]:
-    """On a joint's (T,) commands and (T + 1,) readings in each of the episodes, in `unit`."""
+class Watched(NamedTuple):
+    """A joint's (T,) commands and (T + 1,) readings in each of the episodes, in `unit`."""
+
+    name: str
+    unit: str
+    commands: Episodes
+    measured: Episodes
+    servo: Servo
+    step_s: float
+    episodes: Sequence[str] = ()  # their names
+
+
+def doubts(joint: Watched) -> list[str]:
+    """On a joint's readings beside its commands."""
+    name, unit, commands, measured, servo, step_s, _ = joint
     if not servo.commanded > 0 or not np.isfinite(servo.travel):
         return []
     values = np.concatenate(list(measured))
@@ -65,14 +70,14 @@ def doubts(
             f"{name} does not move, though commanded over {servo.commanded:.3g} {unit}: it reads "
             f"within {servo.travel:.2g} {unit}; is it switched on, and this its column?{also}"
         ]
-    found = _stuck(name, unit, commands, measured, servo, step_s, episodes)
+    found = _stuck(joint)
     if abs(following.correlation) < _HARDLY:
         return [
             *found,
             f"{name} hardly follows its command (correlation {following.correlation:.2f}): is it "
             "another joint's column?",
         ]
-    return found + _falls_short(name, unit, commands, measured, servo, step_s)
+    return found + _falls_short(joint)
 
 
 def follows(commands: Episodes, measured: Episodes, servo: Servo, step_s: float) -> Following:
@@ -112,16 +117,9 @@ def _other_scale(name: str, unit: str, following: Following) -> str | None:
     return None
 
 
-def _stuck(
-    name: str,
-    unit: str,
-    commands: Episodes,
-    measured: Episodes,
-    servo: Servo,
-    step_s: float,
-    episodes: Sequence[str],
-) -> list[str]:
+def _stuck(joint: Watched) -> list[str]:
     """The longest time with exactly the same reading, while the command changes."""
+    name, unit, commands, measured, servo, step_s, episodes = joint
     longest = (0, 0.0, 0)  # steps, the reading, the episode
     for episode, (command, read) in enumerate(zip(commands, measured, strict=True)):
         late = delayed_by(command, servo.lag_steps)
@@ -140,10 +138,9 @@ def _stuck(
     ]
 
 
-def _falls_short(
-    name: str, unit: str, commands: Episodes, measured: Episodes, servo: Servo, step_s: float
-) -> list[str]:
+def _falls_short(joint: Watched) -> list[str]:
     """Readings that fall short of the farthest commands, compared with nearer ones."""
+    name, unit, commands, measured, servo, step_s, _ = joint
     x = np.concatenate(predict(servo, commands, step_s))
     y = np.concatenate([read[: len(c)] for c, read in zip(commands, measured, strict=True)])
     x, y = x[np.isfinite(y)], y[np.isfinite(y)]
