@@ -37,7 +37,6 @@ from simtune.record import record
 from simtune.report.data import RunData
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings import ReadingsSearch
 from simtune.tuning.readings_fits import BestDescent
 from simtune.tuning.readings_verdict import ReadingsFit, _along_sums, conclude
@@ -479,17 +478,6 @@ def as_recorded(experiment: Experiment) -> ObservationModel:
     return replace(experiment.context.observation, is_simulated=False)
 
 
-def concluded(
-    experiment: Experiment,
-    covariance: np.ndarray,
-    apart: np.ndarray,
-    observation: ObservationModel | None = None,
-    noise: float = 0.001,
-) -> Estimate:
-    """From a fit in the middle of all ranges."""
-    return fit_of(experiment, covariance, apart, observation, noise).estimate
-
-
 def fit_of(
     experiment: Experiment,
     covariance: np.ndarray,
@@ -498,6 +486,7 @@ def fit_of(
     noise: float = 0.001,
     unseen: tuple[str, ...] = (),
 ) -> ReadingsFit:
+    """From a fit in the middle of all ranges."""
     observation = observation or as_recorded(experiment)
     facts = {"covariance": covariance, "unit": np.full(len(apart), 0.5), "late_steps": (0.0, 0.0)}
     facts |= {"offsets": np.zeros(2), "noise": np.full(2, noise), "start": np.zeros(1)}
@@ -533,7 +522,7 @@ def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(truth: Path, 
     num = len(TRUTH)
     covariance = 1e-4 * (0.99 * np.ones((num, num)) + 0.01 * np.eye(num))
     apart = np.array([0.003, -0.003, 0.0, 0.0])
-    estimate = concluded(experiment, covariance, apart)
+    estimate = fit_of(experiment, covariance, apart).estimate
     observation = as_recorded(experiment)
     discrepancy = observation.discrepancy_std(np.zeros(num, bool))[0]
     # A fit's prior, .3, is taken out, and replaced by that of what nothing shows
@@ -549,7 +538,7 @@ def test_what_is_far_off_is_told_also_where_no_noise_is_declared(truth: Path, tm
     for noise, said in ((0.001, "noise that the tuning file declares"), (None, "declares none")):
         observation = replace(as_recorded(experiment), sensors=(replace(sensor, noise=noise),))
         for off, expected in ((0.003, []), (0.005, [said])):
-            found = concluded(experiment, np.eye(num), np.zeros(num), observation, off)
+            found = fit_of(experiment, np.eye(num), np.zeros(num), observation, off).estimate
             told = [
                 warning for warning in found.warnings if "leaves shoulder, elbow off" in warning
             ]
@@ -574,7 +563,7 @@ def test_of_two_that_act_as_one_neither_is_known(truth: Path, tmp_path: Path):
     together, alone = np.array([1.0, 1.0, 0, 0]) / np.sqrt(2), np.diag([0, 0, 1.0, 1.0])
     told = np.outer(together, together) / 0.002**2 + alone / 0.01**2
     covariance = np.linalg.inv(told + np.eye(num) / 0.3**2)
-    found = concluded(experiment, covariance, np.zeros(num))
+    found = fit_of(experiment, covariance, np.zeros(num)).estimate
     assert found.verdict == [*(["not identifiable"] * 2), *(["identified"] * 2)]
     assert found.correlation is not None
     assert found.correlation[0, 1] < -0.99
@@ -611,10 +600,10 @@ def test_of_two_that_add_up_the_larger_may_be_less_by_all_that_the_smaller_may_b
 def test_what_readings_say_nothing_of_is_as_wide_as_its_range(truth: Path, tmp_path: Path):
     """The fit's prior, a standard deviation of .3, is no knowledge."""
     experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
-    nothing = concluded(experiment, 0.3**2 * np.eye(num), np.zeros(num))
+    nothing = fit_of(experiment, 0.3**2 * np.eye(num), np.zeros(num)).estimate
     assert nothing.verdict == ["not identifiable"] * num
-    little = concluded(experiment, 0.15**2 * np.eye(num), np.zeros(num))
-    much = concluded(experiment, 0.02**2 * np.eye(num), np.zeros(num))
+    little = fit_of(experiment, 0.15**2 * np.eye(num), np.zeros(num)).estimate
+    much = fit_of(experiment, 0.02**2 * np.eye(num), np.zeros(num)).estimate
     space = experiment.space
     stds = [np.ptp([space.to_unit(e.low), space.to_unit(e.high)], 0) / 3.29 for e in (little, much)]
     by_data = [1 / np.sqrt(std**-2 - 0.3**-2) for std in (0.15, 0.02)]

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.recordings.source import short
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
@@ -99,9 +100,10 @@ def _of_lengths(lengths: list[int], names: Sequence[str], *, are_filmed: bool) -
             f"{unused} of {sum(lengths)} steps are not used"
         )
     if min(lengths) < least:
+        episode = episode_in_words(names, lengths.index(min(lengths)))
         found.append(
-            f"{names[lengths.index(min(lengths))]} has {min(lengths)} steps: `simtune tune` needs "
-            f"at least {least} of each, so leave it out (--leave-out)"
+            f"{episode} has {min(lengths)} steps: `simtune tune` needs at least {least} of each, "
+            "so leave it out (--leave-out)"
         )
     return found
 

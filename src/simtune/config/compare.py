@@ -14,7 +14,7 @@ from simtune.errors import InputError
 class CompareConfig(Prints):
     """Test whether runs agree, for example on two sets of episodes of the same real world.
 
-    All runs must have tuned the same parameters by --search posterior. Writes nothing.
+    Of runs by --search posterior, what all of them tuned is compared. Writes nothing.
     """
 
     run_folders: Annotated[Positional[tuple[Path, ...]], arg(metavar="RUN RUN ...")]
