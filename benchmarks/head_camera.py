@@ -18,10 +18,10 @@ from common import machine, record_figures
 from scipy.spatial.transform import Rotation
 
 from simtune.budget import Budget
-from simtune.camera_pose.find import camera_by
+from simtune.camera_pose.find import find_pose
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.scene import measured_states, with_any_camera
+from simtune.camera_pose.scene import measured_states, unlocated_geoms, with_any_camera
 from simtune.config import CheckConfig
 from simtune.observation import ObservationModel
 from simtune.real.observed import observed, open_recordings
@@ -69,7 +69,7 @@ def main(
     found, rows = {}, []
     for name, trajectories in list(parts.items())[: 3 if quick else None]:
         began_s, budget = time.monotonic(), Budget(60 * (0.1 if quick else minutes))
-        found[name] = camera_by(its, recorded.observation, trajectories, budget)
+        found[name] = find_pose(its, recorded.observation, trajectories, budget)
         rows.append(_row(name, found[name], time.monotonic() - began_s))
         print(rows[-1], flush=True)
     if picture:
@@ -116,6 +116,7 @@ def _save(
     world = np.array([[p["mean"] for p in found["parameters"].values()]])
     nothing = np.zeros((1, 0, simulator.num_actions))
     rest = simulator.roll_out(world, nothing, np.random.default_rng(0)).states[0, 0]
+    hidden = unlocated_geoms(simulator.model, camera, seen)
     shown = []
     for episode, when in _SHOWN:
         if episode >= len(trajectories):
@@ -123,7 +124,7 @@ def _save(
         its = trajectories[episode]
         step = int(when * len(its))
         states = measured_states(simulator.model, seen, [its], rest)[step : step + 1]
-        robot = Robot(simulator.model, camera, states, geometry)
+        robot = Robot(simulator.model, camera, states, geometry, hidden)
         unit = task.parameters.to_unit(world[0])
         outlines = robot.outlines(unit, np.zeros(1, int), _MOST_POINTS)
         column, row = np.rint(outlines.pixels).astype(int).T

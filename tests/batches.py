@@ -15,7 +15,7 @@ class Same:
     batch: Transitions
     num_filmed_steps = 1
 
-    def sample(self, *_) -> Transitions:
+    def sample(self, *_, **__) -> Transitions:
         """As a replay does."""
         return self.batch
 

@@ -20,6 +20,7 @@ from simtune.simulation import (
     random_actions,
 )
 from simtune.simulation.mocap import find_held
+from simtune.simulation.servos import control_limits
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 ARM = """
@@ -183,6 +184,26 @@ class TestControls:
         np.testing.assert_allclose(simulator.action_mapping.range, expected)
         np.testing.assert_array_equal(simulator.action_mapping.is_limited, [True, True, False])
         assert_as_plain(simulator, control)
+
+    def test_controls_beyond_their_range_act_where_the_model_does_not_clip_them(self):
+        """With `clampctrl` off, a slow servo also remembers having been held beyond its range."""
+        slow = ARM.replace('ctrlrange="-2 1"', 'ctrlrange="-2 1" timeconst=".1"')
+        options = 'timestep="0.005"><flag clampctrl="disable"/></option>'
+        simulator = simulator_of(slow.replace('timestep="0.005"/>', options))
+        mapping = simulator.action_mapping
+        assert not mapping.is_limited.any()
+        np.testing.assert_array_equal(mapping.range, [[-2, 1], [0, 3], [-1, 1]])
+        assert control_limits(simulator.model, 0) == (-np.inf, np.inf)
+        assert not ScaledActions(simulator.model, actuators=SERVOS).is_limited.any()
+        actions = np.tile([1.6, 3.5, 0.0], (1, 4, 1))
+        states = simulator.roll_out(np.ones((1, 1)), actions, np.random.default_rng(0)).states
+        assert states[0, 0, simulator.state_space.remembered] == 1.6
+
+        def move(t, model, data):
+            data.ctrl[:] = actions[0, t]
+
+        plain = plain_loop(simulator, 1.0, states[0, 0], move, 4)
+        np.testing.assert_allclose(states[0], plain, atol=1e-9)
 
     def test_joints_are_displaced_from_where_they_are(self):
         def control(action, data):

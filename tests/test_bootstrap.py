@@ -29,8 +29,10 @@ from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
 from simtune.simulation import Rollouts
 from simtune.tasks import load_task
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.fit_verdict import conclude
+from simtune.tuning.joint import Joint
 from simtune.tuning.range_update import RangeUpdateConfig
 from simtune.tuning.survival_curves import normal_curves
 from simtune.vision.detector_noise import DetectorNoise
@@ -683,4 +685,43 @@ def test_what_a_fit_leaves_at_a_bound_is_not_called_identified():
     assert found.verdict[mass] == "weak"
     assert (np.array(found.verdict)[others] == "identified").all()
     (warning,) = found.warnings
+    assert warning.startswith("pole_mass ended at a bound of its range")
+
+
+def concluded(space: ParameterSpace, unit_of_first: float) -> Estimate:
+    """With a sharp fit of the pole's mass there, in coordinates of the first range."""
+    first, mass = Distribution.first(space, space.nominal), space.index("pole_mass")
+    curves = normal_curves(np.full(len(space), 0.5), np.full(len(space), 0.01))
+    at = np.full(len(space), 0.5)
+    at[mass] = unit_of_first
+    parameters = np.where(np.arange(len(space)) == mass, first.from_range_unit(at), space.nominal)
+    fit, known = replace(a_fit(), parameters=parameters), bootstrap_of(np.zeros((3, len(space))))
+    return conclude(curves, fit, known, first, first, RangeUpdateConfig())[0]
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_what_a_fit_finds_beyond_a_rounds_reach_is_told_as_found_and_not_called_identified(side):
+    """The first range is a factor of 3 up and down, its curves' grid one of 3^1.5."""
+    near = replace(SPACE.parameters[0], low=0.1 * 3**-1.6, high=0.1 * 3**1.6)
+    narrow, mass = ParameterSpace([near, *SPACE.parameters[1:]]), SPACE.index("pole_mass")
+    assert mass == 0
+    for space in (SPACE, narrow):
+        found = concluded(space, 0.5 + 0.78 * side)
+        bound = (space.high if side > 0 else space.low)[mass]
+        assert found.mean[mass] == pytest.approx(0.1 * 3 ** (1.56 * side))
+        assert (found.high if side > 0 else found.low)[mass] == bound
+        assert found.verdict[mass] == "weak"
+        (warning,) = found.warnings
+        edge = "0.52" if side > 0 else "0.0192"
+        assert warning.startswith(f"pole_mass ended beyond {edge}, the edge of what")
+        assert f"up to the bound of {bound:.3g}," in warning
+        drawn = Joint.of(found, space).draw(4000, np.random.default_rng(0))[:, mass]
+        assert np.median(drawn) == pytest.approx(found.mean[mass], rel=0.02)
+    within = concluded(SPACE, 0.5 + 0.6 * side)
+    assert (within.verdict[mass], within.warnings) == ("identified", [])
+    assert within.mean[mass] == pytest.approx(0.1 * 3 ** (1.2 * side), rel=1e-2)
+    at_bound = concluded(SPACE, 0.5 + 2 * side)
+    bound = (SPACE.high if side > 0 else SPACE.low)[mass]
+    assert at_bound.mean[mass] == pytest.approx(bound)
+    (warning,) = at_bound.warnings
     assert warning.startswith("pole_mass ended at a bound of its range")

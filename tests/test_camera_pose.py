@@ -14,11 +14,11 @@ from simtune.camera_pose import find_camera_pose
 from simtune.camera_pose.film import Film
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
-from simtune.camera_pose.scene import anywhere, measured_states, with_any_camera
+from simtune.camera_pose.scene import measured_states, unlocated_geoms, with_any_camera
 from simtune.camera_pose.search import Found
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
 from simtune.camera_pose.sureness import covariance, is_by_chance, spread
-from simtune.camera_pose.tracking import FINE, NEAR, Alike, Fit, Tracker, _step
+from simtune.camera_pose.tracking import FINE, NEAR, Agreement, Fit, Tracker, _step
 from simtune.camera_pose.written import describe, tuning_table
 from simtune.config import CheckConfig
 from simtune.errors import InputError
@@ -119,7 +119,8 @@ class Filmed:
         self.camera = self.task.cameras[0].camera
         model, self.every = self.task.load_model(), np.arange(FRAMES)
         self.geometry = CameraGeometry.of(model, self.camera, self.space, (SIZE, SIZE))
-        self.robot = Robot(model, self.camera, self.states, self.geometry)
+        nothing_hidden = np.zeros(model.ngeom, bool)
+        self.robot = Robot(model, self.camera, self.states, self.geometry, nothing_hidden)
         film = Film(self.frames, np.median(self.frames, 0))
         self.tracker = Tracker(film, self.robot, self.geometry, self.every)
 
@@ -234,7 +235,8 @@ def test_outlines_of_a_ball_are_where_arithmetic_has_them(tmp_path):
         data.qpos[:] = place
         mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
     geometry = CameraGeometry.of(model, task.cameras[0].camera, task.parameters, (size, size))
-    robot = Robot(model, task.cameras[0].camera, states, geometry)
+    hidden = np.zeros(model.ngeom, bool)
+    robot = Robot(model, task.cameras[0].camera, states, geometry, hidden)
     middle = np.full(6, 0.5)
     found = robot.outlines(middle, np.arange(2), 10_000)
     focal_px = size / 2 / np.tan(np.radians(25))
@@ -268,7 +270,7 @@ def test_what_may_be_anywhere_is_no_robot(task, tmp_path):
         its = with_any_camera(its, its.cameras[0], options)
         model, camera = its.load_model(), its.cameras[0].camera
         seen = ObservationModel.of_reality(its.sensors, its.cameras)
-        hidden = anywhere(model, camera, seen)
+        hidden = unlocated_geoms(model, camera, seen)
         geoms = [model.geom(geom).name for geom in np.flatnonzero(hidden)]
         assert geoms == (["box", "lid"] if name == "beside" else [])
         simulator = its.simulator(image_size=1, views=())
@@ -280,10 +282,10 @@ def test_what_may_be_anywhere_is_no_robot(task, tmp_path):
     nobody = ObservationModel.of_reality((), beside.cameras)
     model = beside.load_model()
     with pytest.raises(InputError, match="nothing that sensors measure moves"):
-        Robot(model, camera, states, geometry, anywhere(model, camera, nobody))
+        Robot(model, camera, states, geometry, unlocated_geoms(model, camera, nobody))
     # Joints that carry the camera as well move nothing before it but the world.
     model.cam_bodyid[model.camera(camera).id] = model.body("fore").id
-    moves = anywhere(model, camera, nobody)
+    moves = unlocated_geoms(model, camera, nobody)
     assert [model.geom(g).name for g in np.flatnonzero(~moves)] == ["fore"]
 
 
@@ -294,7 +296,7 @@ def test_a_play_leaves_nothing_anywhere(task):
     seen = ObservationModel.of_reality(loose.sensors, loose.cameras)
     model, camera = loose.load_model(), loose.cameras[0].camera
     assert model.njnt == 4
-    assert not anywhere(model, camera, seen).any()
+    assert not unlocated_geoms(model, camera, seen).any()
 
 
 def test_the_field_of_view_is_looked_for_if_asked(task):
@@ -337,19 +339,19 @@ def test_a_camera_near_by_is_found_by_edges_whatever_the_colours(filmed):
     # Farther away and narrower looks alike, so what is told is where the robot is on the film.
     assert filmed.beside_px(start) > 10
     assert filmed.beside_px(found.unit) < 0.5
-    alike = filmed.tracker.alike(found.unit)
-    assert alike.on_edges > 0.5
-    assert alike.explained > 0.6
-    assert not is_by_chance(alike)
+    agreement = filmed.tracker.agreement(found.unit)
+    assert agreement.on_edges > 0.5
+    assert agreement.explained > 0.6
+    assert not is_by_chance(agreement)
 
 
 def test_a_wrong_camera_is_on_edges_by_chance(filmed):
     wrong = filmed.truth + np.array([0, 0, 0, 0.1, 0.1, 0.1])
-    alike = filmed.tracker.alike(wrong)
-    assert is_by_chance(alike)
-    assert alike.score < 0.1 * filmed.tracker.alike(filmed.truth).score
+    agreement = filmed.tracker.agreement(wrong)
+    assert is_by_chance(agreement)
+    assert agreement.score < 0.1 * filmed.tracker.agreement(filmed.truth).score
     fit = filmed.tracker.fit(filmed.truth, FINE)._replace(unit=wrong)
-    result = describe(filmed.task, Found(fit, alike, wrong[None]), FRAMES)
+    result = describe(filmed.task, Found(fit, agreement, wrong[None]), FRAMES)
     assert "the robot's edges are not on the film's" in result["warnings"][0]
     assert result["parameters"]["camera_x"]["low"] == pytest.approx(0.1 - 0.3)  # not told
 
@@ -357,7 +359,7 @@ def test_a_wrong_camera_is_on_edges_by_chance(filmed):
 def test_a_robot_out_of_sight_explains_nothing(filmed):
     hidden = filmed.truth + np.array([0, 0, 0, 0, 1.5, 0])
     assert filmed.tracker.fit(hidden, NEAR) is None
-    assert filmed.tracker.alike(hidden).score == 0
+    assert filmed.tracker.agreement(hidden).score == 0
 
 
 def test_what_is_at_an_end_of_its_range_stays_there(filmed):
@@ -389,7 +391,7 @@ def test_intervals_are_as_wide_as_errors_of_points_and_frames_say():
     expected = 30 / 16 + 8 / 7 * 8 * 2**2 / 16**2 + 0.3**2
     np.testing.assert_allclose(covariance(fit), [[expected]], rtol=1e-6)
     precise = fit._replace(slopes=100 * fit.slopes)
-    found = Found(precise, Alike(0.8, 0.2, 0.9), np.array([[0.5], [0.52]]))
+    found = Found(precise, Agreement(0.8, 0.2, 0.9), np.array([[0.5], [0.52]]))
     half = 1.894579 * np.sqrt(expected / 100**2 + 0.02**2 / 2)  # Student's t of 8 stretches
     np.testing.assert_allclose(spread(found), [half], rtol=1e-6)
 
@@ -399,7 +401,7 @@ def found_at(unit: np.ndarray) -> Found:
     frames, off_px = np.arange(8).repeat(120), np.tile([1.0, -1.0], 480)
     slopes = 100 * np.tile(np.eye(6), (160, 1))
     fit = Fit(unit, frames, np.ones(960), off_px, slopes)
-    return Found(fit, Alike(0.8, 0.2, 0.9), unit[None])
+    return Found(fit, Agreement(0.8, 0.2, 0.9), unit[None])
 
 
 def test_what_is_written_is_the_camera_in_a_tuning_file(filmed, tmp_path):

@@ -375,6 +375,9 @@ def test_warnings():
     assert "--control-hz 12.5" in rate
     assert "30 to 40 steps" in cut
     assert "10 of 70 steps are not used" in cut
+    assert "the shortest, one, and" in cut
+    two = warned(0.08, (90, 30), 1.0)[0]
+    assert "(--leave-out two), 30 more would be used" in two
     assert re.search(r"actions of turn go from -3\.\d+ to 3\.\d+, beyond .* -1 to 1", beyond)
     assert "idle" in constant
     assert warned(0.08, (30, 5), 1.0)[1].startswith("two has 5 steps: `simtune tune` needs at l")
@@ -390,6 +393,12 @@ def test_rows_that_a_log_lacks_are_warned_of_in_one_line():
     facts["gaps"] |= {"swing2": [[1.0, 1.5], [3.0, 9.0]]}
     (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
     assert said.startswith("swing2: no row between 3 and 9 s, the longest of 3 gaps: the action")
+
+
+def test_rows_without_a_frame_are_warned_of():
+    facts = {"control_hz": 12.5, "cameras": [], "unfilmed": {"episode 3": 1}}
+    (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
+    assert said == "episode 3: its video has no frame for the last row: left out"
 
 
 @pytest.mark.parametrize(("ends_s", "is_warned_of"), [(0.9, False), (1.5, False), (4.0, True)])

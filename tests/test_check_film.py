@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from test_check import PENDULUM, make_task, pendulum
 
+from simtune.cameras.views import View
 from simtune.checking.film import compare as film
+from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import compare
 from simtune.checking.film.exchanged import exchanged
 from simtune.checking.film.features import SIZE, describe, likeness, moving_share
+from simtune.checking.film.film_warnings import all_clear, warnings
 from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, MIRRORED
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.resting import resting_parts
@@ -42,6 +45,14 @@ def drawn(num_worlds: int, num_pictures: int, seed: int) -> np.ndarray:
 def library_of(frames: np.ndarray) -> Library:
     states = np.zeros((*frames.shape[:2], 1))
     return Library(states, frames, describe(frames))
+
+
+def filmed(frames: np.ndarray, *, is_plate: bool = False) -> CameraFilm:
+    return CameraFilm("front", frames, View("front"), is_plate)
+
+
+def said_of(frames: np.ndarray, library: Library) -> list[str]:
+    return warnings(filmed(frames), compare(frames, library))
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +145,7 @@ def test_undoing_a_stretch_halves_slopes():
 @pytest.mark.thorough
 def test_another_world_of_the_scene_is_no_other_scene(library):
     comparison = compare(drawn(3, 8, 1), library)
-    assert comparison.warnings == []
+    assert warnings(filmed(drawn(3, 8, 1)), comparison) == []
     assert comparison.alike > 0.9
     assert comparison.moving_share == pytest.approx(comparison.simulated_moving_share, rel=0.3)
     # The bar of the nearest picture is where the film's is.
@@ -160,8 +171,8 @@ def test_another_world_of_the_scene_is_no_other_scene(library):
     ],
 )
 def test_a_framing_is_recognised(library, frame, says):
-    comparison = compare(frame(drawn(3, 8, 1)), library)
-    assert comparison.warnings == [f"beside the simulator's pictures the film looks {says}"]
+    said = said_of(frame(drawn(3, 8, 1)), library)
+    assert said == [f"beside the simulator's pictures the film looks {says}"]
 
 
 @pytest.mark.thorough
@@ -175,9 +186,9 @@ def test_another_scene_and_a_still_film_are_warned_of(library):
             picture[10:20] = 200
             at = rng.integers(5, 40)
             picture[at : at + 16, 30:50] = 140
-    (said,) = compare(other, library).warnings
+    (said,) = said_of(other, library)
     assert "another scene" in said
-    (said,) = compare(film[:, :1].repeat(8, 1), library).warnings
+    (said,) = said_of(film[:, :1].repeat(8, 1), library)
     assert said.startswith("nothing moves in the film")
 
 
@@ -185,13 +196,13 @@ def test_another_scene_and_a_still_film_are_warned_of(library):
 def test_a_simulator_in_which_nothing_moves_is_no_other_scene_but_stuck(library):
     stuck = library_of(library.frames[:, :1].repeat(12, 1))
     film = drawn(3, 8, 1)
-    (said,) = compare(film, stuck).warnings
+    (said,) = said_of(film, stuck)
     assert said.startswith("things move in the film, and nothing moves in the simulator")
     # A camera's noise, where nothing moves in the film either, is no motion.
     still = film[:, :1].repeat(8, 1).astype(int)
     noise = np.random.default_rng(0).normal(0, 2, still.shape)
     still = (still + noise).clip(0, 255).astype(np.uint8)
-    assert not any("stuck" in said for said in compare(still, stuck).warnings)
+    assert not any("stuck" in said for said in said_of(still, stuck))
 
 
 @pytest.mark.thorough
@@ -204,12 +215,12 @@ def test_a_library_is_of_worlds_that_play_the_actions():
     assert len(np.unique(library.worlds)) == 32
     film = np.stack([library.frames[3, ::3], library.frames[8, ::3]])
     comparison = compare(film, library)
-    assert comparison.warnings == []
+    assert warnings(filmed(film), comparison) == []
     found = comparison.nearest == np.array([[3], [8]]) * 24 + np.arange(0, 24, 3)
     assert found.mean() > 0.5  # others look the same, or nearly so: colours do not count
     other = make_task("other", PENDULUM.replace("0 -6.0 0", "0 -4 0"), list(task.parameters))
     (near,) = make_libraries(other.simulator(image_size=SIZE), actions, seed=1)
-    (said,) = compare(near.frames[:2, ::3], library).warnings
+    (said,) = said_of(near.frames[:2, ::3], library)
     assert "enlarged 1.5 times" in said
 
 
@@ -220,14 +231,16 @@ def test_exchanged_films_are_told_by_what_moves_alone(library):
     libraries = [library, library_of(np.rot90(plain, 1, (2, 3)))]
     assert exchanged(upright, libraries) == {}
     assert exchanged(upright[::-1], libraries) == {0: 1, 1: 0}
-    comparison = replace(compare(upright[1], library, is_plate=True), exchanged_with="side")
-    assert comparison.warnings[0].endswith("are their keys exchanged?")
+    before_its_own = filmed(upright[1], is_plate=True)
+    (said,) = warnings(before_its_own, compare(upright[1], library), exchanged_with="side")
+    assert said.endswith("are their keys exchanged?")
 
 
 def test_before_the_films_own_background_no_other_scene_is_ruled_out(library):
     film = drawn(2, 8, 1)
-    assert compare(film, library).all_clear.startswith("nothing says that this is another scene")
-    assert "only what moves was compared" in compare(film, library, is_plate=True).all_clear
+    comparison, said = compare(film, library), "nothing says that this is another scene"
+    assert all_clear(filmed(film), comparison).startswith(said)
+    assert "only what moves was compared" in all_clear(filmed(film, is_plate=True), comparison)
 
 
 @pytest.mark.parametrize("shown", [True, False])

@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 
 from simtune.checking.servos.commands import _without_gaps
-from simtune.checking.servos.doubts import Watched, doubts
-from simtune.checking.servos.fit import Servo, delayed_by, filtered_by, fit_servo, noise_of
+from simtune.checking.servos.doubts import doubts
+from simtune.checking.servos.fit import ServoResponse, delayed_by, filtered_by, fit_servo, noise_of
+from simtune.checking.servos.following import Watched
+from simtune.checking.servos.gains import gains_to_write
+from simtune.checking.servos.look import look_at
 from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.play import find_play, through_play
 from simtune.checking.servos.table import servo_lines
+from simtune.observation import JointSensor
 
 STEP_S = 0.02
 
@@ -31,7 +35,7 @@ def reads(command: np.ndarray, noise: float = 0.0, seed: int = 1) -> np.ndarray:
 
 
 def said_of(asked: list[np.ndarray], read: list[np.ndarray], unit: str = "rad") -> list[str]:
-    return doubts(Watched("elbow", unit, asked, read, fit_servo(asked, read, STEP_S), STEP_S))
+    return doubts(Watched("elbow", unit, asked, read, STEP_S), fit_servo(asked, read, STEP_S))
 
 
 # --- numbers ------------------------------------------------------------------------------
@@ -96,7 +100,7 @@ def test_nothing_is_told_of_a_command_that_never_changes():
     assert servo.noise == pytest.approx(0.01, rel=0.4)
     assert said_of(still, read) == []
     nothing = [np.full(101, np.nan)]
-    assert isinstance(fit_servo(commands(1, 100), nothing, STEP_S), Servo)
+    assert isinstance(fit_servo(commands(1, 100), nothing, STEP_S), ServoResponse)
     assert said_of(commands(1, 100), nothing) == []
 
 
@@ -126,7 +130,7 @@ def test_a_soft_servo_and_a_stop_are_no_play(spoil):
 
 
 def test_a_table_says_which_joints_stay_behind():
-    servo = dict.fromkeys(Servo.__annotations__, 0.1)
+    servo = dict.fromkeys(ServoResponse.__annotations__, 0.1)
     servos = {n: servo | {"unit": "rad", "play": w} for n, w in (("elbow", 0.03), ("wrist", None))}
     said = servo_lines(servos)
     assert "Behind to both sides, from end to end: elbow by 0.03 rad." in said
@@ -208,6 +212,52 @@ def test_other_units_and_signs_of_an_arm_that_strikes_things(factor, said):
 def test_another_joint_s_column():
     (said,) = said_of(commands(), [reads(c) for c in commands(seed=7)])
     assert "hardly follows its command" in said
+
+
+@pytest.mark.parametrize("factor", [1, -1000])
+def test_columns_that_are_exchanged_are_told_by_whose_command_is_followed(factor):
+    asked = {"elbow": commands(), "wrist": commands(seed=7), "thumb": commands(seed=9)}
+    read = {"elbow": "wrist", "wrist": "elbow", "thumb": "thumb"}
+    joints = [
+        Watched(name, "m", asked[name], [factor * reads(c) for c in asked[read[name]]], STEP_S)
+        for name in asked
+    ]
+    seen = [look_at(joint, 0.001, joints) for joint in joints]
+    for its, (name, other) in zip(seen, [("elbow", "wrist"), ("wrist", "elbow")], strict=False):
+        (said,) = its.warnings
+        assert said.startswith(f"{name} follows {other}'s command, its own with a correlation of ")
+        assert said.endswith(": are columns exchanged?")
+        assert its.misread_by == 1.0  # nothing is known of its own column
+    assert not any("exchanged" in said for said in seen[2].warnings)
+
+
+@pytest.mark.parametrize(
+    ("factors", "sensor", "line"),
+    [
+        ((1000, -1000), (1.0, 1.0), "gain = [0.001, -0.001] for sensor pusher"),
+        ((1, -1), (1000.0, 1000.0), "gain = [0.001, -0.001] for sensor pusher"),  # unit = "mm"
+        ((-1, -1), (1.0, 1.0), "gain = -1 for sensor pusher"),
+        ((-1, 1), (0.5, -0.5), "gain = -2 for sensor pusher"),
+        ((1000, 1000), (1.0, 1.0), None),  # unit = "mm" says it all
+        ((0.001, -0.001), (1.0, 1.0), None),  # or are the actions mm?
+    ],
+)
+def test_a_unit_and_a_sign_are_one_line_to_write(factors, sensor, line):
+    asked = commands()
+    seen = [
+        look_at(Watched(name, "m", asked, [f * reads(c) for c in asked], STEP_S), 0.001)
+        for name, f in zip("xy", factors, strict=True)
+    ]
+    encoder = JointSensor(
+        name="pusher",
+        columns=("state",),
+        joints=("x", "y"),
+        places=np.arange(2),
+        factor=np.array(sensor),
+        shift=np.zeros(2),
+    )
+    said = gains_to_write([encoder], [its.misread_by for its in seen])
+    assert [line in its for its in said] == ([True] if line else [])
 
 
 def test_a_joint_that_stays_behind_where_it_is_commanded_farthest():

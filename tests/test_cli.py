@@ -867,7 +867,10 @@ def test_the_terminal_says_how_many_intervals_hold_the_truth(tmp_path):
         ends = {"missed": {"low": 1.1, "high": 1.3}, "held": {"low": 0.9, "high": 1.3}}
         found = {name: entry | pair | {"verdict": "weak"} for name, pair in ends.items()}
         result = {"method": "autotune", "search": search, "parameters": found, "warnings": []}
-        _print_result(result | {"percent_error": 20.0}, tmp_path, said.append)
+        result["percent_error"] = 20.0
+        (tmp_path / "config.json").write_text("{}")
+        (tmp_path / "result.json").write_text(json.dumps(result))
+        _print_result(result, tmp_path, said.append)
         return "\n".join(said)
 
     assert "mean error 20.0 %\n1 of 2 intervals hold the truth" in told("posterior")

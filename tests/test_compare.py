@@ -120,6 +120,27 @@ def test_three_runs_in_one_table(tmp_path):
         compared(runs[0])
 
 
+def test_runs_agree_only_in_what_both_tell(tmp_path):
+    mean, runs = np.full(len(SPACE), 0.5), [tmp_path / "one", tmp_path / "other"]
+    known = [SPACE.names[1:], SPACE.names[:3]]
+    for run, names in zip(runs, known, strict=True):
+        a_run(run, mean)
+        result = read_json(run / "result.json")
+        for name, its in result["parameters"].items():
+            its["verdict"] = "weak" if name in names else "not identifiable"
+        write_json(run / "result.json", result)
+    result = compared(*runs)
+    assert result["told"] == list(SPACE.names[1:3])
+    num = len(SPACE)
+    said = table(result)[-1]
+    assert said.startswith(f"In 2 of {num} parameters, which both tell, the runs agree: ")
+    for its in (other := read_json(runs[1] / "result.json"))["parameters"].values():
+        its["verdict"] = "not identifiable"
+    write_json(runs[1] / "result.json", other)
+    assert table(compared(*runs))[-1].startswith("No parameter is told by both runs, and so ")
+    assert compared(*runs)["told"] == []
+
+
 def test_runs_that_disagree_in_one_parameter(tmp_path):
     mean = np.full(len(SPACE), 0.5)
     away = mean + 8 * STD * (np.arange(len(SPACE)) == 1)

@@ -107,9 +107,10 @@ def test_the_temperature_rises_where_entropy_is_too_low(agent, monkeypatch, log_
     assert temperature.item() == pytest.approx(0.1)
 
 
-def test_contrastive_loss_equals_a_plain_loop():
+def test_contrastive_loss_equals_a_plain_loop(monkeypatch):
+    monkeypatch.setattr("simtune.agents.pixel_networks.NUM_FEATURES", 5)
     torch.manual_seed(0)
-    contrast, queries, keys = Contrast(5), torch.randn(4, 5), torch.randn(4, 5)
+    contrast, queries, keys = Contrast(), torch.randn(4, 5), torch.randn(4, 5)
     loss = 0.0
     for i in range(4):
         logits = [(queries[i] @ contrast.weight @ keys[j]).item() for j in range(4)]

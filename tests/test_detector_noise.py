@@ -50,7 +50,7 @@ def test_a_few_pictures_tell_one_noise():
     truth = np.full((1, 30, 1, 2), 20.0)
     candidates = np.repeat(truth[:, :, None] + 1.0, 2, 2)
     noise = DetectorNoise.measured(detected(candidates, np.zeros(candidates.shape)), truth)
-    assert noise.std_px == pytest.approx(1.48 + 0.05)
+    assert noise.std_px == pytest.approx(1.4826 + 0.05)
 
 
 def test_what_errors_of_a_world_have_in_common_is_told_from_chance():

@@ -105,12 +105,12 @@ def test_all_that_a_detector_computes_stays_on_its_device():
     assert loss.device.type == "meta"
 
 
-def test_detection_in_batches_equals_detection_at_once():
+def test_detection_in_batches_equals_detection_at_once(monkeypatch):
     detector = a_detector()
     frames = np.random.default_rng(0).integers(256, size=(7, SIZE, SIZE, 3)).astype(np.uint8)
-    for at_once, in_batches in zip(
-        detect(detector, frames), detect(detector, frames, 3), strict=True
-    ):
+    whole = detect(detector, frames)
+    monkeypatch.setattr("simtune.vision.detector.pictures_at_once", lambda *_: 3)
+    for at_once, in_batches in zip(whole, detect(detector, frames), strict=True):
         np.testing.assert_allclose(at_once, in_batches, atol=1e-4)
 
 
@@ -165,7 +165,7 @@ def test_a_detector_that_rounds_finds_the_same_and_learns_in_float32(monkeypatch
     """Its features have the 8 bits of bfloat16; its maps and its gradients all 24."""
     pictures = to_input(np.random.default_rng(0).integers(0, 256, (4, 16, 24, 3), np.uint8))
     fine, rounded = (
-        KeypointDetector(2, 3, (16, 24), replace(SMALL_DETECTOR, rounds=rounds))
+        KeypointDetector(2, 3, (16, 24), replace(SMALL_DETECTOR, uses_bfloat16=rounds))
         for rounds in (False, True)
     )
     rounded.load_state_dict(fine.state_dict())

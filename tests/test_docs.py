@@ -9,7 +9,9 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 
 import mujoco
+import numpy as np
 import pytest
+from mujoco.batch import Batch
 
 import simtune
 from simtune import config
@@ -129,3 +131,30 @@ def test_tuning_files_of_your_robot_load_with_such_a_model(robot: str, tmp_path:
     assert task.sensors[0].size == min(len(JOINTS[robot]), 5 if robot == "SO-101" else 7)
     colours = text.count('kind = "colour"')  # of three numbers each
     assert len(task.parameters) == text.count("[[parameters]]") + 2 * colours
+
+
+def test_a_planar_robot_in_pixels_is_where_the_page_says(tmp_path: Path):
+    page = (FOLDER.parent / "tuning-file.md").read_text(encoding="utf-8")
+    section = page.split("### A planar robot in pixels")[1].split("\n## ")[0]
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body(name="pusher")
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.015, 0, 0])
+    for name, axis in (("pusher_x", [1, 0, 0]), ("pusher_y", [0, 1, 0])):
+        body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        servo = spec.add_actuator(name=name, target=name)
+        servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        servo.set_to_position(kp=50.0)
+    spec.compile()
+    (tmp_path / "model.xml").write_text(spec.to_xml())
+    text = section.split("```toml\n")[1].split("```")[0]
+    mass = '[[parameters]]\nname = "mass"\nkind = "mass"\nobjects = "pusher"\n'
+    head = 'model = "model.xml"\ncontrol_timestep_s = 0.1\n'
+    (tmp_path / "tune.toml").write_text(head + text + mass)
+    task = load_task(str(tmp_path / "tune.toml"))
+    (sensor,) = task.sensors
+    pixels = np.array([[0.0, 0.0], [256, 256], [512, 100]])  # the upper left corner, the middle
+    metres = sensor.from_recorded(pixels, 0.1)
+    np.testing.assert_allclose(metres, [[-0.256, 0.256], [0, 0], [0.256, 0.156]], atol=1e-12)
+    simulator = task.simulator(image_size=16)
+    controls = simulator.action_mapping.apply(Batch(simulator.model, 3), pixels)
+    np.testing.assert_allclose(controls, metres, atol=1e-12)

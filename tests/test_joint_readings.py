@@ -55,6 +55,15 @@ def test_readings_are_brought_to_units_and_to_the_frames_moments():
     np.testing.assert_allclose(there.from_recorded(there.to_recorded(values), 0.1), values)
 
 
+def test_backlash_adds_to_the_readings_behind_it_alone():
+    class Batch:
+        qpos = np.array([[1.0, 2.0, 0.1, np.nan]])
+
+    sensor = sensor_of(geared=np.array([1]), play_places=np.array([2]))
+    np.testing.assert_allclose(sensor.observe(Batch), [[1.0, 2.1]])
+    np.testing.assert_array_equal(Batch.qpos, [[1.0, 2.0, 0.1, np.nan]])
+
+
 def test_what_is_late_is_read_off_a_curve_but_across_gaps_off_a_line():
     turn = np.sin(0.3 * np.arange(20.0))
     gap = np.where(np.arange(20) == 9, np.nan, turn)

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.simulation.loose_objects import loose_joints, passive_joints
+from simtune.simulation.loose_objects import gliding_joints, loose_joints, passive_joints
 
 SCENE = """
 <mujoco>
@@ -53,6 +53,33 @@ def names(model: mujoco.MjModel, joints: np.ndarray) -> list[str]:
 def test_an_object_is_loose_unless_something_ties_it_itself(ties, loose):
     model = model_with(ties)
     assert names(model, loose_joints(model)) == loose
+
+
+BLOCK = """<mujoco>
+  <worldbody>
+    <body name="pusher"><joint name="pusher_x" type="slide"/><joint name="pusher_y" type="slide"/>
+      <geom size=".01"/></body>
+    <body name="block"><joint name="block_x" type="slide" axis="1 0 0" SPRING/>
+      <joint name="block_y" type="slide" axis="0 1 0"/><joint name="turn"/><geom size=".01"/></body>
+    <body name="drawer"><joint name="drawer" type="slide"/><geom size=".01"/></body>
+  </worldbody>
+  <actuator><position joint="pusher_x"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("spring", "measured", "gliding"),
+    [
+        ("", [], ["block_x", "block_y", "turn"]),
+        ("", [4], []),
+        ("stiffness='1'", [], []),
+    ],
+)
+def test_a_block_on_slides_that_nothing_drives_springs_or_measures_glides(
+    spring, measured, gliding
+):
+    model = mujoco.MjModel.from_xml_string(BLOCK.replace("SPRING", spring))
+    assert names(model, gliding_joints(model, measured)) == gliding
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from mujoco.batch import Batch
 
 from simtune.config import RecordConfig
 from simtune.errors import InputError
-from simtune.experiment.rollout import Environment
+from simtune.experiment.rollout import PolicyWorlds
 from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution
 from simtune.record import record
@@ -181,7 +181,7 @@ class TestBoth:
 
     def test_episodes_say_what_they_reached(self, name):
         task, simulator = task_of(name), simulator_of(name)
-        environment, scripted = Environment(task, simulator, 1), simulator.follow_script(2)
+        environment, scripted = PolicyWorlds(task, simulator, 1), simulator.follow_script(2)
         worlds, rng = worlds_of(name, 2), np.random.default_rng(0)
         idle = environment.play(lambda seen: still(0, seen.state), worlds, rng, film=False)
         good = environment.play(lambda seen: scripted(0, seen.state), worlds, rng, film=False)
@@ -193,7 +193,7 @@ class TestBoth:
     def test_a_goal_counts_in_time_and_if_it_is_kept(self, name):
         """The script needs two thirds of the time; a peg comes out again, a lid stays open."""
         task, simulator = task_of(name), simulator_of(name)
-        environment, scripted = Environment(task, simulator, 1), simulator.follow_script(1)
+        environment, scripted = PolicyWorlds(task, simulator, 1), simulator.follow_script(1)
         assert task.goal_steps == 3 * {"rope_peg": 10, "cabinet_slide": 18}[name] // 2
 
         def reached(is_idle, then=still):

@@ -273,7 +273,7 @@ def test_updates_see_what_was_stored_after_they_began(make):
     learn_now(agent, replay, 6)
     before, draws = everything(agent), []
     sample = replay.sample
-    replay.sample = lambda *which: draws.append(sample(*which)) or draws[-1]
+    replay.sample = lambda *which, **how: draws.append(sample(*which, **how)) or draws[-1]
     replay.rewards[:] = -50.0
     learn_now(agent, replay)
     assert (draws[0].rewards == -50).all()

@@ -5,9 +5,9 @@ import pytest
 
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
+from simtune.tuning.edges import doubted_at_edges, leads_beyond, out_of_reach
 from simtune.tuning.range_update import (
     RangeUpdateConfig,
-    doubted_at_edges,
     read_curves,
     update_range,
 )
@@ -76,6 +76,19 @@ def test_a_curve_at_the_edge_of_what_networks_saw_is_not_called_identified():
     assert "beyond the range that was searched of mass," in warning
     _, inside = update_range(normal_curves(np.full(2, 0.5), np.full(2, 0.01)), FIRST, FIRST, CONFIG)
     assert doubted_at_edges(read, inside) is read
+
+
+def test_another_round_leads_beyond_what_a_fit_could_not_follow():
+    """A fit at 1.2 is within the grid, and one at 1.4 is not; the bound of red is at 1."""
+    for location, is_beyond in ((1.2, False), (1.4, True)):
+        curves = with_fit(flat(), np.full(2, location), np.full(2, 0.01), NET_WEIGHT)
+        np.testing.assert_array_equal(out_of_reach(curves, FIRST), [0, is_beyond])
+        _, events = update_range(curves, FIRST, FIRST, CONFIG)
+        assert leads_beyond(curves, FIRST, events, is_fitted=True) == is_beyond
+        assert leads_beyond(curves, FIRST, events, is_fitted=False)
+        assert not leads_beyond(curves, FIRST, [], is_fitted=False)
+    below = with_fit(flat(), np.full(2, -0.4), np.full(2, 0.01), NET_WEIGHT)
+    np.testing.assert_array_equal(out_of_reach(below, FIRST), [0, -1])
 
 
 # --- quantiles ----------------------------------------------------------------------------

@@ -11,8 +11,8 @@ from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.readings_agreement import BestDescent
 from simtune.tuning.readings_estimate import ReadingsEstimate
-from simtune.tuning.readings_fits import BestDescent
 from simtune.tuning.readings_verdict import ReadingsFit
 
 SPACE = ParameterSpace(

@@ -19,10 +19,10 @@ from simtune.config import EvaluateConfig, RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
 from simtune.experiment.experiment import build_experiment
-from simtune.experiment.rollout import Environment
+from simtune.experiment.rollout import PolicyWorlds
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.experiment.training_parts import _most_late
-from simtune.observation import Camera, ObservationModel
+from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, delay
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
@@ -237,7 +237,7 @@ def test_a_policy_sees_what_the_gaps_camera_delivers_and_acts_a_step_late(simula
 
 def test_latest_actions_belong_to_the_state_where_they_may_be_late():
     simulator = TASK.simulator(image_size=SIZE)
-    environment = Environment(TASK, simulator, 1, most_late=2)
+    environment = PolicyWorlds(TASK, simulator, 1, most_late=2)
     told: list[np.ndarray] = []
 
     def policy(observation: Observation) -> np.ndarray:
@@ -253,12 +253,12 @@ def test_latest_actions_belong_to_the_state_where_they_may_be_late():
     last = [0.05 * STEPS, 0.05 * (STEPS - 1)]
     np.testing.assert_allclose(episodes.states[:, -1, -2:], [last] * 2, rtol=1e-6)
     np.testing.assert_allclose(episodes.actions[0, :, 0], 0.05 * np.arange(1, STEPS + 1), rtol=1e-6)
-    assert environment.num_positions == Environment(TASK, simulator, 1).num_positions
+    assert environment.num_positions == PolicyWorlds(TASK, simulator, 1).num_positions
 
 
 def test_a_delay_moves_what_happens_by_its_steps():
     simulator = TASK.simulator(image_size=SIZE)
-    worlds, environment = SPACE.nominal[None], Environment(TASK, simulator, 1, most_late=2)
+    worlds, environment = SPACE.nominal[None], PolicyWorlds(TASK, simulator, 1, most_late=2)
 
     def accelerations(delay_steps: int) -> np.ndarray:
         rng, pushes = np.random.default_rng(0), itertools.chain([0.0], itertools.repeat(1.0))
@@ -271,12 +271,13 @@ def test_a_delay_moves_what_happens_by_its_steps():
 
 
 def test_delays_of_simulated_episodes_are_about_what_was_found():
-    rng, any_real = np.random.default_rng(0), SimpleNamespace(max_latency_steps=2)
+    rng, any_real = np.random.default_rng(0), ObservationModel.of_reality()
+    simulator = SimpleNamespace(space=SPACE, num_actions=1)
     training = SimpleNamespace(
         config=SimpleNamespace(method="autotune"),
         scored_in=SimpleNamespace(gap=None),
         environment=SimpleNamespace(most_late=2),
-        space=SPACE,
+        simulator=simulator,
         real=SimpleNamespace(observation=any_real),
         declared_late_steps=0.0,
     )
@@ -287,19 +288,18 @@ def test_delays_of_simulated_episodes_are_about_what_was_found():
     later = [drawn(0.6) for _ in range(400)]
     assert set(later) == {0, 1}
     assert np.mean(later) == pytest.approx(0.6, abs=0.08)
-    training.space = ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)])
+    simulator.space = ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)])
     assert drawn(1.0) == 0  # the parameter is all there is
 
 
 @pytest.mark.parametrize(("real", "declared"), [("film", 2), ("xarm", 2), ("pseudo", 0)])
 def test_pictures_are_as_late_to_a_policy_as_their_camera_declares(real, declared):
     """But not in a pseudo-real world, whose pictures are in time."""
-    cameras = (Camera(same_renderer=False, footage=Footage(latency_s=0.1)),)
-    observation = SimpleNamespace(max_latency_steps=2, sensors=(), cameras=cameras)
+    observation = ObservationModel.of_reality(films=[Footage(latency_s=0.1)])
     world = SimpleNamespace(
         config=SimpleNamespace(real=real, method="autotune"),
         real=SimpleNamespace(observation=observation, step_s=0.05),
-        simulator=SimpleNamespace(step_s=0.05),
+        simulator=SimpleNamespace(step_s=0.05, space=SPACE, num_actions=1),
         scored_in=SimpleNamespace(gap=None),
         space=SPACE,
     )
@@ -314,17 +314,16 @@ def test_pictures_are_as_late_to_a_policy_as_their_camera_declares(real, declare
     world.config.method = "untuned"
     assert drawn(None) == declared
     world.config.method = "dr"
-    world.space = ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)])
+    world.space = world.simulator.space = ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)])
     assert drawn(None) == declared
     assert _most_late(world) == 1 + declared
 
 
 def test_actions_on_their_way_belong_to_the_state_where_a_delay_is_a_parameter():
-    observation = SimpleNamespace(max_latency_steps=0, sensors=())
     world = SimpleNamespace(
         config=SimpleNamespace(real="pseudo"),
-        real=SimpleNamespace(observation=observation),
-        simulator=SimpleNamespace(step_s=0.02),
+        real=SimpleNamespace(observation=ObservationModel.of_simulator()),
+        simulator=SimpleNamespace(step_s=0.02, space=SPACE, num_actions=1),
         space=ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)]),
     )
     assert _most_late(world) == 3

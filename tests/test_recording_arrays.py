@@ -220,6 +220,7 @@ def test_what_is_no_episode_is_left_alone(tmp_path):
     ("shape", "said"),
     [
         ((NUM_STEPS + 1, 2048), "as (T, D) with T up to 100000 and D up to 1000, got (25, 2048)"),
+        ((NUM_STEPS + 1, 1, 1), "expected embedding as (T, D) with T up to 100000"),
         ((200_000,), "got 24 actions and rows {'embedding': 200000, 'frames': 25}"),
     ],
 )
@@ -227,6 +228,16 @@ def test_an_array_beyond_any_reading_matters_only_to_who_asks_for_it(tmp_path, s
     folder = write(tmp_path / "a", episode(embedding=np.zeros(shape, np.float32)))
     assert_whole(open_dataset(folder, num_actions=3))
     assert said in message(folder, readings={"arm": ["embedding"]})
+
+
+def test_why_an_array_is_none_is_said_as_its_library_says_it(tmp_path):
+    class Tensor:
+        def __array__(self, dtype=None, copy=None):
+            raise RuntimeError("Can't call numpy() on Tensor that requires grad.")
+
+    with pytest.raises(InputError, match=r"expected joints as an array: .* requires grad") as error:
+        write_arrays([episode(joints=Tensor())], tmp_path / "none")
+    assert "length" not in str(error.value)
 
 
 def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):
@@ -263,6 +274,11 @@ def test_arrays_in_memory_are_written_once_by_what_they_hold(tmp_path):
         ({"hz": 0}, r"real\[0\]: expected hz as rows a second, got 0"),
         ({"actions": np.full((NUM_STEPS, 3), np.nan)}, r"real\[0\]: expected finite actions"),
         ({"actions": [[1, 2], [3]]}, r"real\[0\]: expected actions as an array, its rows of one l"),
+        (
+            {"file": np.zeros(NUM_STEPS)},
+            r"real\[0\]: expected texts .*, except 'file'",
+        ),
+        ({1: np.zeros(NUM_STEPS)}, r"real\[0\]: expected texts as names of arrays, .*; got 1"),
         (
             {"frames": np.zeros((NUM_STEPS, 8, 8, 3))},
             r"real\[0\]: expected frames as \(T \+ 1, H, W, 3\) uint8, got .* float64",

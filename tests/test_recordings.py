@@ -170,6 +170,7 @@ def test_facts(written: Path):
         },
         "gaps": {},
         "unused_s": {},
+        "unfilmed": {},
         "readings": {},
         "names": ["episode 0", "episode 1"],
         "episodes": 2,
@@ -773,9 +774,11 @@ def test_camera_names(dataset: Path):
     features = json.loads((dataset / INFO).read_text())["features"]
     camera = features.pop("observation.images.camera0")
     edit_info(dataset, features=features)
-    assert message(dataset).startswith("HERE: no camera, that is no feature of dtype 'video'; ")
+    assert message(dataset).startswith(
+        "HERE: no camera, that is no feature of dtype 'video' or 'image'; "
+    )
     edit_features(dataset, camera=camera | {"dtype": "image"})
-    assert message(dataset).startswith("HERE: its pictures are stored one by one; expected videos")
+    assert message(dataset).startswith(f"episode 0, step 0: HERE/{DATA}: no column 'camera'; ")
 
 
 @pytest.mark.parametrize("file", [DATA, EPISODES])
@@ -795,13 +798,48 @@ def test_files_missing(dataset: Path):
 
 
 def test_video_short(dataset: Path):
-    write_video(dataset / VIDEO, [picture(index) for index in range(18)], FPS)
+    write_video(dataset / VIDEO, [picture(index) for index in range(17)], FPS)
     assert message(dataset) == (
-        f"episode 1, step 6: HERE/{VIDEO}: ends at 1.7 s, and a row asks for the frame at "
-        "1.8 s: there are fewer frames than rows; copy the file again, or leave the episode out "
+        f"episode 1, step 5: HERE/{VIDEO}: ends at 1.6 s, and a row asks for the frame at "
+        "1.7 s: there are fewer frames than rows; copy the file again, or leave the episode out "
         "(--leave-out)"
     )
     assert len(read_dataset(dataset, max_episodes=1).trajectories) == 1
+
+
+@pytest.mark.parametrize("lost", [1, 2])
+def test_rows_after_a_videos_end_go_without(dataset: Path, lost: int):
+    """Of the last episode, and of one that another follows in the file at once."""
+    last = sum(NUM_STEPS) + len(NUM_STEPS) - lost
+    write_video(dataset / VIDEO, [picture(index) for index in range(last)], FPS)
+    sound, recording = make_trajectories(), read_dataset(dataset)
+    assert recording.facts["unfilmed"] == {"episode 2": lost}
+    assert len(recording.trajectories[1]) == NUM_STEPS[1]
+    found = recording.trajectories[2]
+    np.testing.assert_array_equal(found.actions, sound[2].actions[:-lost])
+    assert [number(frame) for frame in found.frames] == list(range(20, last))
+
+
+@pytest.mark.parametrize("lost", [1, 2])
+def test_rows_after_an_episodes_end_within_a_video_go_without(dataset: Path, lost: int):
+    """As lerobot converts v2: the next episode begins where the short video ended."""
+    end = NUM_STEPS[0] + 1
+    shown = [*range(end - lost), *range(end, sum(NUM_STEPS) + len(NUM_STEPS))]
+    write_video(dataset / VIDEO, [picture(index) for index in shown], FPS)
+    key = "videos/observation.images.camera0/from_timestamp"
+    edit_table(
+        dataset / EPISODES,
+        lambda rows: [rows[0], *(row | {key: row[key] - lost / FPS} for row in rows[1:])],
+    )
+    sound, recording = make_trajectories(), read_dataset(dataset)
+    assert recording.facts["unfilmed"] == {"episode 0": lost}
+    for episode, num_lost in enumerate((lost, 0, 0)):
+        found, whole = recording.trajectories[episode], sound[episode]
+        np.testing.assert_array_equal(found.actions, whole.actions[: len(whole) - num_lost])
+        first = number(whole.frames[0])
+        assert [number(frame) for frame in found.frames] == list(
+            range(first, first + len(found) + 1)
+        )
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.98])

@@ -13,11 +13,13 @@ from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
 from simtune.fit import Guess, Lateness, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.readings.differences import DifferencePoint, differentiate, refresh
+from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.slopes import Groups
 from simtune.observation import JointSensor, ObservationModel, finds_offset
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
-from simtune.tuning.readings_fits import Horizon, Horizons, ReadingsFits, two_agree
+from simtune.tuning.readings_agreement import agree, best_of, two_agree
+from simtune.tuning.readings_fits import Horizon, Horizons, ReadingsFits
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
 
@@ -72,7 +74,7 @@ def test_readings_that_no_unknown_explains_end_a_fit_without_an_error(arm: Simpl
     ended = arm.fit.descend(in_degrees, guess, stage, Budget())
     at = ended.objective.difference_point(ended.point)
     begun = differentiate(arm.loop, at)
-    groups = Groups.of(begun, np.full(2, 1e30))
+    groups = Groups.of(begun, np.full(2, np.inf))
     assert (groups.number == -1).all()
     kept = refresh(arm.loop, at, begun, groups)
     np.testing.assert_array_equal(kept.by_parameter, begun.by_parameter)
@@ -248,6 +250,9 @@ class Rough:
         self.sensors, self.rng, self._steps = (sensor,), np.random.default_rng(0), agreeing_steps
         self.stages: list[int | None] = []  # steps of each
 
+    def follow(self, readings: Readings, guess: Guess) -> Segments:
+        return Segments.evenly(readings)
+
     def descend(self, readings, begin, stage, budget, near=None) -> Any:
         self.stages.append(stage.steps)
         log_rms = 0.0 if stage.steps == self._steps else float(self.rng.uniform(1, 9))
@@ -292,3 +297,15 @@ def test_twice_means_nearly_the_same_residuals():
     assert two_agree(leaving(-5.0, -2.0, -4.99))
     assert not two_agree(leaving(-5.0, -4.9))
     assert not two_agree(leaving(-5.0))
+
+
+def test_fits_agree_that_end_at_one_answer_whatever_they_leave():
+    def ending(*ends: tuple[float, float]) -> list[Any]:
+        return [SimpleNamespace(log_rms=r, unit=np.array([x, 0.0])) for r, x in ends]
+
+    moving = np.array([True, False])
+    assert agree(ending((-5.0, 0.500), (-4.0, 0.507)), moving)
+    assert not agree(ending((-5.0, 0.500), (-4.0, 0.530)), moving)
+    found = best_of(ending((-5.0, 0.500), (-4.0, 0.530), (-4.5, 0.492)), moving, True)
+    assert found.is_sure
+    np.testing.assert_allclose(found.apart, [-0.004])

@@ -796,6 +796,30 @@ def test_report_of_readings_alone_speaks_of_no_videos(readings_run):
     assert "Other actions may." in page.text
 
 
+def test_what_shows_in_pictures_only_is_one_line_where_none_were_used(readings_run, run_path):
+    colours = [name for name in PARAMETERS if name.endswith(("_r", "_g", "_b"))]
+    said: dict[str, dict] = {name: {"verdict": "does not show", "note": ""} for name in PARAMETERS}
+    for name in set(PARAMETERS) - set(colours):
+        said[name]["std_percent"] = 3.0
+    for run in (readings_run, run_path):
+        _edit(run / "result.json", lambda result: result.update(check=said))
+    html, page = _report(readings_run)
+    line = f"{len(colours)} parameters show in pictures only: not looked at ({', '.join(colours)})."
+    assert page.text.count(line) == 1
+    motion = len(PARAMETERS) - len(colours)
+    assert page.count("article") == motion + 2  # of what moves, and of two joints
+    assert "<div class='colour'>" not in html
+    assert read_run(readings_run).result["parameters"].keys() == set(PARAMETERS)
+    found = Result(read_run(readings_run))
+    said = line.partition(" (")[0]
+    assert repr(found).splitlines()[2 + motion] == said
+    assert f"<p>{said}</p>" in found._repr_html_()
+    assert len(found.parameters) == len(PARAMETERS)
+    _, page = _report(run_path)
+    assert "in pictures only" not in page.text
+    assert page.count("article") == len(PARAMETERS)
+
+
 def test_report_of_videos_and_readings_has_both(run_path):
     def read(result):
         result["sensors"] = {"elbow": {"unit": "rad", "offset": 0, "rms_before": 1, "rms": 0.1}}

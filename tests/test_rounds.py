@@ -31,7 +31,9 @@ from simtune.tuning.judging import Fitted, Judging
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.range_update import read_curves
 from simtune.tuning.rounds import Rounds, gains_nothing, half_widths, is_precise, plan_round
+from simtune.tuning.survival_curves import normal_curves
 from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.image_noise import ImageNoise
 
@@ -151,6 +153,25 @@ def test_narrow_intervals_of_an_unsound_simulator_are_not_enough_for_a_policy(
     config = replace(tiny, num_rounds=2, precision=0.02, for_policy=True)
     stopped = rounds_until_stop(monkeypatch, simulator, config, [0.01, 0.005], "weak")
     assert stopped == (2, "another round would tell hardly more")
+
+
+@pytest.mark.parametrize(
+    ("location", "reason"),
+    [(0.5, "every parameter is known"), (1.1, "every parameter is known"), (1.4, "")],
+)
+def test_a_search_goes_on_where_the_next_round_reaches_farther(simulator, tiny, location, reason):
+    """Curves end at 1.25, and any interval is narrow enough."""
+    context = context_of(simulator)
+    search = PosteriorSearch(context, replace(tiny, num_rounds=4, precision=1e9))
+    first = search.distribution
+    middle = np.where(np.arange(len(SPACE)) == SPACE.index("pole_mass"), location, 0.5)
+    curves = normal_curves(middle, np.full(len(SPACE), 0.01))
+    read = read_curves(curves, first, first, search.config.range_update)
+    judged = replace(read, ranks={name: [0.5] for name in SPACE.names})
+    _, events = search._move(judged, curves, first)
+    assert search.stop_reason.startswith(reason)
+    assert bool(search.stop_reason) == bool(reason)
+    assert ("widened" in {event.event for event in events}) == (location > 1)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import UnknownName
-from simtune.experiment.rollout import Environment, _charge_failures
+from simtune.experiment.rollout import PolicyWorlds, _charge_failures
 from simtune.parameters import ModelWriter
 from simtune.simulation import scale_actions
 from simtune.tasks import TASKS, load_task
@@ -351,7 +351,7 @@ def drawn_rgba(model):
 def test_what_is_said_to_be_symmetric_looks_and_moves_alike(name):
     task = load_task(name)
     simulator = task.simulator(image_size=48)
-    environment = Environment(task, simulator, num_stacked=1)
+    environment = PolicyWorlds(task, simulator, num_stacked=1)
     rng = np.random.default_rng(0)
     worlds = np.tile(task.parameters.nominal, (8, 1))
     actions = rng.uniform(-1, 1, (8, 30, simulator.num_actions))
@@ -374,7 +374,7 @@ def test_a_policy_acts_as_long_as_the_search_simulates_at_any_rate(name, hz):
     """Rewards are read `action_repeat` times in a step, however its physics steps divide."""
     task = dataclasses.replace(load_task(name), episode_steps=20)
     simulator = task.simulator(image_size=48, step_s=1 / hz)
-    environment = Environment(task, simulator, num_stacked=1)
+    environment = PolicyWorlds(task, simulator, num_stacked=1)
     worlds = np.tile(task.parameters.nominal, (2, 1))
     drawn = np.random.default_rng(0).uniform(-1, 1, (20, 2, simulator.num_actions))
     acts = iter(drawn)
@@ -393,7 +393,7 @@ def test_a_policy_acts_as_long_as_the_search_simulates_at_any_rate(name, hz):
 def test_a_world_that_is_dead_earns_nothing_and_no_policy_may_lose_its_mind():
     task = dataclasses.replace(load_task("cheetah"), episode_steps=6)
     simulator = task.simulator(image_size=48)
-    environment = Environment(task, simulator, num_stacked=1)
+    environment = PolicyWorlds(task, simulator, num_stacked=1)
     worlds = np.tile(task.parameters.nominal, (2, 1))
     rng = np.random.default_rng(0)
 
@@ -418,12 +418,12 @@ def test_a_world_that_is_dead_earns_nothing_and_no_policy_may_lose_its_mind():
     np.testing.assert_array_equal(costs, [[-1, -2 - 2 * 3, 0, 0], [-3, -1, -1, -1]])
     assert (episodes.terminated == [True, False]).all()  # time is up for the other: no end
     # A lone world is charged by what others earned before
-    environment.lowest_reward = -2.0
+    environment.load({"lowest_reward": -2.0})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulator, "play", Diverging())
         charged = environment.play(lambda seen: np.ones((2, 6)), worlds, rng, film=False)
     assert charged.rewards[0, 2] == pytest.approx(episodes.rewards[0, 2] - 3 * 2.0, abs=1)
-    environment.lowest_reward = 0.0
+    environment.load({"lowest_reward": 0.0})
     environment._reward = lambda batch: np.full(2, np.inf)
     with pytest.raises(RuntimeError, match="the reward of cheetah is no finite number"):
         environment.play(lambda seen: np.ones((2, 6)), worlds, rng, film=False)
@@ -441,7 +441,7 @@ def test_a_world_that_dies_ends_alone(tmp_path, monkeypatch):
         batch.qvel[1] = 2e4
 
     simulator = dataclasses.replace(task, initialize=begin).simulator(image_size=48)
-    environment = Environment(task, simulator, num_stacked=2)
+    environment = PolicyWorlds(task, simulator, num_stacked=2)
     told = []
 
     def act(seen):

@@ -39,8 +39,8 @@ SPEC = AgentSpec(
     num_actions=1,
     privileged=np.arange(len(SPACE)) < 2,
     total_steps=10 * WORLDS * STEPS,
-    first_tried=10 * WORLDS * STEPS,
-    round_steps=WORLDS * STEPS,
+    steps_before_trial=10 * WORLDS * STEPS,
+    steps_between_updates=WORLDS * STEPS,
     seed=1,
     device="cpu",
 )
@@ -250,8 +250,10 @@ def test_a_keypoint_lies_between_its_two_places_by_how_probable_they_are():
 # --- both together ------------------------------------------------------------------------
 
 
-def make_agent(first_tried: int = SPEC.first_tried, **changes) -> TeacherStudent:
-    return TeacherStudent(replace(SPEC, first_tried=first_tried), replace(SMALL, **changes))
+def make_agent(steps_before_trial: int = SPEC.steps_before_trial, **changes) -> TeacherStudent:
+    return TeacherStudent(
+        replace(SPEC, steps_before_trial=steps_before_trial), replace(SMALL, **changes)
+    )
 
 
 def make_replay() -> Replay:
@@ -295,9 +297,9 @@ def test_the_teacher_is_first_and_then_they_take_turns():
 
 @pytest.mark.parametrize("rounds", [1.5, 2, 2.5, 4, 5, 5.2, 10])
 def test_the_student_can_act_by_the_first_real_episode(rounds):
-    first_tried = round(rounds * WORLDS * STEPS)
-    agent, replay = make_agent(first_tried), make_replay()
-    while agent.num_steps < first_tried:
+    steps_before_trial = round(rounds * WORLDS * STEPS)
+    agent, replay = make_agent(steps_before_trial), make_replay()
+    while agent.num_steps < steps_before_trial:
         assert not agent.can_act or rounds > 5  # late, since its teacher is to know something
         go_on(agent, replay, range(1))
     assert agent.can_act
@@ -391,7 +393,7 @@ def test_an_agent_knows_its_latest_actions_where_nothing_moves():
 
 
 def test_a_training_of_a_single_step_has_one_round():
-    agent = TeacherStudent(replace(SPEC, total_steps=1, first_tried=1), SMALL)
+    agent = TeacherStudent(replace(SPEC, total_steps=1, steps_before_trial=1), SMALL)
     first, second = go_on(agent, make_replay(), range(2))
     assert math.isfinite(first["loss/critic"])
     assert math.isfinite(second["loss/imitation"])
@@ -437,7 +439,7 @@ def test_a_resumed_agent_repeats_a_straight_one_bit_for_bit(before):
     ("detector_updates", "expected"), [(1, 0.05), (10**6, 0.2), (45, 45 / (0.5 * 900))]
 )
 def test_short_trainings_learn_to_see_in_more_updates_a_step(detector_updates, expected):
-    spec = replace(SPEC, total_steps=1000, first_tried=200, round_steps=10)
+    spec = replace(SPEC, total_steps=1000, steps_before_trial=200, steps_between_updates=10)
     shares = {"teacher_share": 0.5, "filmed_share": 0.5}  # begins at 100, then films every other
     rates = {"detector_updates_per_step": (0.05, 0.2), "detector_updates": detector_updates}
     schedule = TeachingSchedule.of(replace(SMALL, **shares, **rates), spec)

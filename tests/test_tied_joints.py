@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.fit import OpenLoopReplay, Readings
+from simtune.api.commands import load_task as load_declared
+from simtune.fit import OpenLoopReplay, Readings, replay_whole
 from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.stretches import Stretches
 from simtune.fit.readings.tied_joints import follow_measured
@@ -59,6 +60,16 @@ def test_a_curved_tie_is_followed_and_not_inverted():
     back = states.copy()
     follow_measured(model, back, np.array([1]))
     np.testing.assert_array_equal(back, states)
+
+
+def test_ties_that_the_model_turns_off_are_not_followed():
+    text = GRIPPER.format("0 1").replace(
+        'gravity="0 0 0"/>', '><flag equality="disable"/></option>'
+    )
+    model = mujoco.MjModel.from_xml_string(text)
+    states = np.full((1, model.nq + model.nv), OPEN)
+    follow_measured(model, states, np.array([0]))
+    np.testing.assert_array_equal(states, OPEN)
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -127,5 +138,61 @@ def test_an_initial_state_moves_both_fingers(read):
     slopes = differentiate(loop, DifferencePoint(whole, whole.states, unit, np.ones(2)))
     np.testing.assert_allclose(slopes.by_start[0, 0], 1.0, atol=1e-3)
     moved = loop.measured.moved(whole.states, np.array([[0.01, 0.2]]), np.ones(2))
-    np.testing.assert_allclose(moved[0, :2], [OPEN + 0.01, OPEN], atol=1e-9)
-    np.testing.assert_allclose(moved[0, 3:5], 0.2, atol=1e-9)
+    _, full_states = loop.play(whole, moved[None], unit[None])
+    begun = loop.physics.states(full_states[0, 0])
+    np.testing.assert_allclose(begun[:2], [OPEN + 0.01, OPEN], atol=1e-9)
+    np.testing.assert_allclose(begun[3:5], 0.2, atol=1e-9)
+
+
+TURNING = """
+<mujoco><compiler angle="radian"/><option timestep=".002"/>
+  <default><geom type="capsule" size=".01" fromto="0 0 0 .2 0 0" contype="0"/></default>
+  <worldbody>
+    <body><joint name="a" axis="0 1 0" damping=".1" armature=".01"/><geom mass=".3"/></body>
+    <body pos=".5 0 0"><joint name="b" axis="0 1 0" damping=".1"/><geom mass=".4"/></body>
+  </worldbody>
+  <equality><joint name="tie" joint1="b" joint2="a" polycoef="0 -1 0 0 0"/></equality>
+  <actuator><position name="turn" joint="a" kp="6" kv=".6"/></actuator>
+</mujoco>"""
+OFFSET = {"name": "x", "kind": "joint_offset", "objects": "a"}
+RATIO = {"name": "x", "field": "eq_data", "objects": "tie", "component": 1, "low": -2, "high": 2}
+
+
+@pytest.mark.parametrize(("parameter", "truth"), [(OFFSET, 0.08), (RATIO, -1.3)])
+def test_a_world_begins_as_its_own_tie_says(parameter, truth):
+    """By plain MuJoCo: a tie is relative to the model's pose, which an offset moves."""
+    model = mujoco.MjModel.from_xml_string(TURNING)
+    if parameter is OFFSET:
+        model.qpos0[0] = model.qpos_spring[0] = truth
+    else:
+        model.eq_data[0, 1] = truth
+    mujoco.mj_setConst(model, data := mujoco.MjData(model))
+    actions, angles = 0.7 + 0.3 * np.sin(0.5 * np.arange(40)), []
+    data.ctrl[:] = actions[0]
+    mujoco.mj_step(model, data, 2000)
+    for action in [*actions, actions[-1]]:
+        angles.append(data.qpos.copy())
+        data.ctrl[:] = action
+        mujoco.mj_step(model, data, 25)
+    angles = np.array(angles)
+    task = load_declared(
+        {
+            "model": mujoco.MjSpec.from_string(TURNING),
+            "control_timestep_s": 0.05,
+            "sensors": [{"name": "a", "joints": ["a"], "offset": 0}],
+            "parameters": [parameter],
+        }
+    )
+    simulator = task.simulator(image_size=16)
+    observation = ObservationModel.of_simulator(task.sensors)
+    loop = OpenLoopReplay.of(simulator, observation, task.parameters.nominal)
+    units = task.parameters.to_unit(np.array([task.parameters.nominal, [truth]]))
+    readings = Readings(actions[None, :, None], angles[None, :, :1])
+    some = loop.cut(readings, units[1], np.zeros(1), 8)
+    np.testing.assert_allclose(some.states[2, :2], angles[16], atol=5e-3)  # ties are soft
+    played, first = loop.play(some, np.repeat(some.states[None], 2, 0), units)
+    as_nominal = loop.physics.states(first)[0, 2, 1]
+    assert as_nominal == pytest.approx(-angles[16, 0], abs=1e-3)
+    np.testing.assert_allclose(played[1, 2], some.values[2], atol=2e-3)
+    replayed = replay_whole(loop, readings, units[1], np.zeros(1))
+    np.testing.assert_allclose(replayed[0, :, 0], angles[:, 0], atol=1e-3)

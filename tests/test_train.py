@@ -27,7 +27,7 @@ from simtune.config import EvaluateConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import _check_unchanged, evaluate, load_trained
 from simtune.experiment.presets import choose_search_settings
-from simtune.experiment.rollout import Environment
+from simtune.experiment.rollout import PolicyWorlds
 from simtune.experiment.run import Run
 from simtune.experiment.schedule import Schedule, fast, paper
 from simtune.experiment.settings import Settings
@@ -74,7 +74,6 @@ class Players:
         self.simulator = SimpleNamespace(num_steps=0, num_diverged=0)
         self.distribution = Distribution.proportional(SPACE, SPACE.nominal, 0.5)
         self.seen_worlds: list[np.ndarray] = []
-        self.lowest_reward = 0.0
 
     def collect(self, num):
         self.calls.append(f"real: {num} random")
@@ -396,8 +395,8 @@ def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     experiment = build_training(config)
     scored = []
 
-    def play(*args, play=experiment.environment.play):
-        scored.append(play(*args))
+    def play(*args, play=experiment.environment.play, **options):
+        scored.append(play(*args, **options))
         return scored[-1]
 
     experiment.environment.play = play
@@ -410,34 +409,35 @@ def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     assert len({frame.tobytes() for frame in first}) == 3 + 3 + 4
 
 
-def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_scores():
+def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_scores(monkeypatch):
     """With the reality gap, and without."""
+    task = dataclasses.replace(load_task("cheetah"), episode_steps=6)
+    learnt_in, elsewhere = (
+        PolicyWorlds(task, task.simulator(image_size=16), num_stacked=1) for _ in range(2)
+    )
+    learnt_in.load({"lowest_reward": -2.0})
+    ones = SimpleNamespace(act=lambda frames: np.ones((len(frames), 6)))
+    for scored_in in (learnt_in, elsewhere):
+        simulator = scored_in.simulator
 
-    class World:
-        gap = None
+        def play(*args, play=simulator.play, **options):
+            return dataclasses.replace(play(*args, **options), lengths=np.array([3]))
 
-        def __init__(self, lowest_reward: float):
-            self.lowest_reward = lowest_reward
-            self.simulator = SimpleNamespace(num_steps=100)
-
-        uncounted = Environment.uncounted
-
-        def play(self, *_):
-            charged.append(self.lowest_reward)
-            self.lowest_reward = -9.0
-            self.simulator.num_steps += STEPS
-            ones = np.ones((1, STEPS))
-            return SimpleNamespace(frames=ones, reached=np.ones((1, 0)), rewards=ones)
-
-    charged: list[float] = []
-    learnt_in = World(-2.0)
-    for scored_in in (learnt_in, World(0.0)):
         given = {"environment": learnt_in, "scored_in": scored_in, "late_steps": 0}
-        experiment = SimpleNamespace(**given, agent=None, task=TASK)
-        TrainingExperiment.score(experiment, SPACE.nominal, 1, seed=0)
-        assert learnt_in.lowest_reward == -2.0
-        assert learnt_in.simulator.num_steps == 100  # simulated steps that something was learnt of
-    assert charged == [-2.0, -2.0]
+        experiment = SimpleNamespace(**given, agent=ones, task=task)
+        nominal = task.parameters.nominal
+        whole, _ = TrainingExperiment.score(experiment, nominal, 1, seed=0)
+        monkeypatch.setattr(simulator, "play", play)
+        scores, _ = TrainingExperiment.score(experiment, nominal, 1, seed=0)
+        # Half of the steps, and the lowest reward for each of the others
+        assert scores["return"][0] == pytest.approx(whole["return"][0] / 2 - 3 * 2.0, abs=0.5)
+        assert learnt_in.state() == {"lowest_reward": -2.0}
+        assert simulator.num_steps == 0  # simulated steps that something was learnt of
+        monkeypatch.setattr(scored_in, "_reward", lambda batch: np.full(1, -3.0))
+        scores, _ = TrainingExperiment.score(experiment, nominal, 1, seed=0)
+        repeated = -3.0 * task.action_repeat
+        assert scores["return"][0] == pytest.approx(6 * repeated)
+        assert learnt_in.state() == {"lowest_reward": -2.0}
 
 
 @pytest.mark.thorough
@@ -446,9 +446,9 @@ def test_a_loaded_policy_is_scored_by_the_lowest_reward_of_its_training(
 ):
     out, _ = autotuned
     tensors, state = load(newest(out / "checkpoints"))
-    stored = tensors, state | {"lowest_reward": -3.0}
+    stored = tensors, state | {"policy_worlds": {"lowest_reward": -3.0}}
     monkeypatch.setattr("simtune.evaluation.evaluate.checkpoint.load", lambda _: stored)
-    assert load_trained(out, settings=quick).environment.lowest_reward == -3.0
+    assert load_trained(out, settings=quick).environment.state() == {"lowest_reward": -3.0}
 
 
 @pytest.mark.thorough
@@ -521,8 +521,8 @@ def test_a_search_simulates_episodes_as_long_as_the_real_ones(task, tmp_path):
 @pytest.mark.thorough
 def test_schedules_of_the_presets_equal_hand_calculation(tmp_path):
     """By hand: what is tried out when, and the paper's phases in its own numbers."""
-    assert fast(48_000, 5, many_searches=False).first_tried == 24_000
-    assert fast(48_000, 5, pretrain_steps=16_000, many_searches=False).first_tried == 16_000
+    assert fast(48_000, 5, many_searches=False).steps_before_trial == 24_000
+    assert fast(48_000, 5, pretrain_steps=16_000, many_searches=False).steps_before_trial == 16_000
     assert fast(48_000, 5, many_searches=False).real_episodes == (5, 2)
     assert fast(48_000, 5, 0, many_searches=False).real_episodes == (5, 0)
     assert paper(120_000, 5, many_searches=True).real_episodes == (5, 5, 5)
@@ -773,8 +773,8 @@ def test_an_agent_made_by_name_acts_and_is_stored_and_loaded(name):
             num_actions=2,
             privileged=np.array([True, False]),
             total_steps=total_steps,
-            first_tried=50_000,
-            round_steps=3_200,
+            steps_before_trial=50_000,
+            steps_between_updates=3_200,
             seed=seed,
             device="cpu",
         )

@@ -4,19 +4,21 @@ import json
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from scipy.special import ndtri, stdtrit
-from servo_arm import HEAD, TUNE, write_arm
+from servo_arm import HEAD, SHOULDER, TUNE, write_arm
 
 from simtune.before_after.readings import Replayed, Tuned, replay
 from simtune.budget import Budget
 from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
-from simtune.evaluation.replay import _late, better_in
+from simtune.evaluation.replay import _late, better_in, far_off
 from simtune.evaluation.table import table
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import (
@@ -35,10 +37,12 @@ from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
 from simtune.record import record
 from simtune.report.data import RunData
+from simtune.run.files import read_json, write_json
 from simtune.simulation import Simulator
+from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.readings import ReadingsSearch
-from simtune.tuning.readings_fits import BestDescent
+from simtune.tuning.readings_agreement import BestDescent
 from simtune.tuning.readings_verdict import ReadingsFit, _along_sums, conclude
 from simtune.tuning_run import tune
 
@@ -146,10 +150,12 @@ def test_a_jackknife_of_one_stretch_tells_nothing_and_of_two_what_they_disagree_
     nothing = np.zeros((2, 0, 0))
     two = NormalEquations(nothing, nothing, np.zeros((2, 0)), each, slope)
     one = NormalEquations(*(part[1:] for part in two))
-    np.testing.assert_array_equal(jackknife(one, each[1] + prior), [0, 0])
+    np.testing.assert_array_equal(jackknife(*one.by_group(np.arange(1)), each[1] + prior), [0, 0])
     # Without either, the first moves by 2 / (4 + 1) to one side: √(1/2 · 2 · .4²) = .4
     unsure = stdtrit(1, 0.95) / ndtri(0.95)
-    np.testing.assert_allclose(jackknife(two, each.sum(0) + prior), [0.4 * unsure, 0], atol=1e-6)
+    np.testing.assert_allclose(
+        jackknife(*two.by_group(np.arange(2)), each.sum(0) + prior), [0.4 * unsure, 0], atol=1e-6
+    )
 
 
 def test_a_single_episode_is_as_unsure_as_leaving_out_its_parts_shows(
@@ -264,9 +270,43 @@ def test_recordings_are_tuned_to_and_others_replayed(arm: Path, truth: Path, tmp
         assert its["unit"] == "rad"
         assert its["rms"] < 0.006 < its["rms_before"]
         assert its["better_in"] == 3
+        assert its["rms_tuned_to"] == result["sensors"][joint]["rms"]
+    assert score["far_off"] == score["no_offset"] == []
+    assert_another_arm_is_noticed(run, tmp_path / "others")
+    assert_a_run_of_video_is_replayed(run, tmp_path / "others", score)
     assert (run / "replay.json").is_file()
     assert (run / "posterior.npz").is_file()
     assert not (run / "videos" / "real.mp4").exists()
+
+
+def assert_another_arm_is_noticed(run: Path, recordings: Path) -> None:
+    """One whose joints are wired to each other's columns."""
+    (rows,) = (recordings / "data").rglob("*.parquet")
+    original, table_ = rows.read_bytes(), pq.read_table(rows)
+    place = table_.column_names.index("observation.state")
+    values = np.array(table_["observation.state"].to_pylist(), np.float32)[:, ::-1]
+    column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), 2)
+    pq.write_table(table_.set_column(place, "observation.state", column), rows)
+    swapped = evaluate(EvaluateConfig(run_folder=run, real=recordings))
+    assert set(swapped["far_off"]) == {"shoulder", "elbow"}
+    assert any("of the same robot, with the same columns" in line for line in table(swapped))
+    rows.write_bytes(original)
+
+
+def assert_a_run_of_video_is_replayed(run: Path, recordings: Path, score: dict[str, Any]) -> None:
+    """By all sensors of the tuning file, whose offsets it does not know."""
+    config, result = (read_json(run / f"{name}.json") for name in ("config", "result"))
+    del result["sensors"]
+    config["config"]["observe"] = "cameras"
+    write_json(run / "result.json", result)
+    write_json(run / "config.json", config)
+    found = evaluate(EvaluateConfig(run_folder=run, real=recordings))
+    assert found["far_off"] == []
+    assert found["no_offset"] == ["shoulder", "elbow"]
+    assert "no offset of shoulder, elbow: 0 is assumed" in table(found)[-1]
+    for joint, its in found["sensors"].items():
+        assert its["rms_before"] == score["sensors"][joint]["rms_before"]
+        assert its["rms"] == pytest.approx(score["sensors"][joint]["rms"], abs=0.005)
 
 
 SERVO = """
@@ -336,6 +376,37 @@ def test_a_replay_that_tuning_made_worse_is_said_to_be():
     assert said[-1].startswith("warning: after tuning, knee is further off than before")
     alone = table({"sensors": {"hip": better}, "episodes": 2})
     assert not any("warning" in line for line in alone)
+
+
+def test_far_more_left_than_of_what_was_tuned_to_is_said():
+    its = {"unit": "m", "rms_before": 0.139, "rms_tuned_to": 0.0003, "better_in": 6}
+    noise = {"x": 0.002, "y": 0.002}
+    sensors = {"x": its | {"rms": 0.138}, "y": its | {"rms": 0.019}}
+    assert far_off(sensors, noise) == ["x"]  # below ten times the sensor's noise is not far
+    unknown = {name: {k: v for k, v in its.items() if k != "rms_tuned_to"} for name in sensors}
+    assert far_off(unknown, noise) == []
+    said = table({"sensors": sensors, "episodes": 6, "far_off": ["x"], "no_offset": []})
+    assert said[-1].startswith("warning: far more is left than of the recordings")
+    assert "(x: 0.138 m instead of 0.0003)" in said[-1]
+
+
+def test_a_run_of_a_task_without_sensors_cannot_be_replayed(tmp_path: Path):
+    tuning_file = write_arm(tmp_path, TUNE[: TUNE.index("[[sensors]]")] + SHOULDER)
+    filmed = (
+        (tmp_path / "arm.xml")
+        .read_text()
+        .replace("<worldbody>", '<worldbody><camera name="c" pos="0 -2 0"/>')
+    )
+    (tmp_path / "arm.xml").write_text(filmed)
+    task = load_task(str(tuning_file))
+    facts = {"nominal": 60.0, "initial": 60.0, "mean": 60.0}
+    names = task.parameters.names
+    result = {"task": "tune", "latency_steps": 0, "parameters": dict.fromkeys(names, facts)}
+    config = {"task": str(tuning_file), "task_content": task.content_hash}
+    (tmp_path / "config.json").write_text(json.dumps({"config": config}))
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    with pytest.raises(InputError, match=r"no joint readings to replay: .*\[\[sensors\]\]"):
+        evaluate(EvaluateConfig(run_folder=tmp_path, real=tmp_path))
 
 
 def test_episodes_are_counted_in_which_less_is_left_after_tuning():

@@ -82,6 +82,22 @@ SCENE = """
   </keyframe>
 </mujoco>
 """
+PLANAR = """
+<mujoco>
+  <worldbody>
+    <camera name="top" pos="0 0 2"/>
+    <body name="bob">
+      <joint name="pusher_x" type="slide" axis="1 0 0"/>
+      <joint name="pusher_y" type="slide" axis="0 1 0"/>
+      <geom size="0.015" mass="1"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="x" joint="pusher_x" kp="50" kv="10"/>
+    <position name="y" joint="pusher_y" kp="50" kv="10"/>
+  </actuator>
+</mujoco>
+"""
 CALIBRATION = """{image_width: 96, image_height: 64, dist_coeffs: [0, 0, 0, 0, 0],
 camera_matrix: [[80, 0, 47.5], [0, 80, 31.5], [0, 0, 1]]}
 """
@@ -122,6 +138,8 @@ def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path)
             '<velocity name="elbow" joint="elbow" kv', '<position name="elbow" joint="elbow" kp'
         )
         (folder / "scene.xml").write_text(servos)
+    if "pusher_x" in block:
+        (folder / "scene.xml").write_text(PLANAR)
     if "[[cameras]]" in block:
         more = "".join(f'<camera name="{name}" pos="0 0 3"/>' for name in ("top", "hand_camera"))
         (folder / "scene.xml").write_text(SCENE.replace("<camera", f"{more}<camera", 1))
@@ -677,6 +695,12 @@ def test_nominal_is_the_models_own(load):
         np.testing.assert_allclose(a, b, atol=1e-7, err_msg=field)
 
 
+def test_a_pattern_may_choose_objects_that_a_factor_leaves_alone(declare):
+    """Not so an object that is named; see the errors below."""
+    (damping,) = declare("name = 'd'\nkind = 'damping'\nobjects = 's*'\n")
+    assert (damping.objects, damping.nominal) == (("shoulder", "sled"), 1.0)
+
+
 def test_a_servos_gain_takes_along_what_holds_against_it(declare):
     """So that a stiffer servo still goes to the same place."""
     space = declare("name = 'g'\nkind = 'gain'\nobjects = ['shoulder', 'elbow', 'sled']\n")
@@ -789,7 +813,16 @@ def test_a_delay_is_remembered(load):
             3,
             "is 0 in the model, so there is no usual range: give nominal",
         ),
-        ("name = 'p'\nkind = 'stiffness'\nobjects = ['elbow', 'sled']\n", 3, "is 0 there"),
+        (
+            "name = 'p'\nkind = 'stiffness'\nobjects = ['elbow', 'sled']\n",
+            3,
+            "is 0 there, so a factor changes nothing: give the joints a stiffness in the model",
+        ),
+        (
+            "name = 'p'\nkind = 'damping'\nobjects = ['elbow', 'sled']\n",
+            6,
+            r"sled has 0 there \(dof_damping\), so a factor does not change it",
+        ),
         (
             "name = 'p'\nkind = 'delay'\nobjects = 'sled'\n",
             3,

@@ -114,7 +114,7 @@ class EagerCurlSac:
         next_frames = self.crop(batch.next_frames)
         rewards, discounts = batch.rewards[:, None], batch.discounts[:, None]
         self.update_critic(frames, batch.actions, rewards, discounts, next_frames)
-        if self.num_updates % self.config.slow_every == 0:
+        if self.num_updates % self.config.policy_period == 0:
             self.update_actor_and_alpha(frames)
             self.update_targets()
         self.update_contrast(frames, positives)

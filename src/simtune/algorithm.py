@@ -212,7 +212,6 @@ class Training:
     def _save(self) -> None:
         counters: dict[str, Any] = {"filmings": self.num_filmings, "skipped": self.num_skipped}
         counters["scored"] = self.num_scored
-        counters["lowest_reward"] = self.experiment.environment.lowest_reward
         self.run.save(**counters, rng=self.rng.bit_generator.state)
         self._saved_s = time.monotonic()
 
@@ -223,7 +222,6 @@ class Training:
         self.num_filmings = state["filmings"]
         self.num_skipped = state["skipped"]
         self.num_scored = state["scored"]
-        self.experiment.environment.lowest_reward = state["lowest_reward"]
         for cycle in range(self.num_filmings):
             step_s = self.experiment.real.step_s
             self.real = read_real(self.run.folder.path, cycle, step_s) + self.real

@@ -7,6 +7,7 @@ import numpy as np
 from simtune.parameters import ParameterSpace
 
 _OF_ZERO = 0.1
+_FIRST_FACTOR = 3.0  # up and down from the start
 
 
 def size_of(space: ParameterSpace, mean: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
@@ -57,10 +58,10 @@ class Distribution:
         return Distribution.proportional(self.space, mean, range_, self.start)
 
     @classmethod
-    def first(cls, space: ParameterSpace, mean: np.ndarray, factor: float = 3.0) -> "Distribution":
+    def first(cls, space: ParameterSpace, mean: np.ndarray) -> "Distribution":
         """The first range of a search: a factor up and down; all of a linear scale's bounds."""
-        low = np.where(space.is_log, mean / factor, space.low)
-        high = np.where(space.is_log, mean * factor, space.high)
+        low = np.where(space.is_log, mean / _FIRST_FACTOR, space.low)
+        high = np.where(space.is_log, mean * _FIRST_FACTOR, space.high)
         return cls(space, mean, space.clip(low), space.clip(high))
 
     def with_interval(self, mean: np.ndarray, low: np.ndarray, high: np.ndarray) -> "Distribution":

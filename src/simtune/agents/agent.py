@@ -24,8 +24,8 @@ class AgentSpec:
     image_noise: ImageNoise | None = None  # of the real camera, absent in simulated pictures
     privileged: np.ndarray  # (N,) bool: parameters that may be used wherever the state may be
     total_steps: int  # of the whole training, for schedules
-    first_tried: int  # steps before its first trial in the real world
-    round_steps: int  # steps between two updates
+    steps_before_trial: int  # before its first trial in the real world
+    steps_between_updates: int
     seed: int
     device: torch.device | str
 
@@ -34,7 +34,8 @@ class AgentSpec:
 class Observation:
     """What is observed of n simulated worlds at one moment."""
 
-    state: np.ndarray  # (n, D) of `rollout.Environment.observe`; none in a real world
+    # (n, D): F features, then the latest actions that are still under way, newest first
+    state: np.ndarray
     frames: np.ndarray | None  # (n, K, H, W, 3) uint8, the newest last; None: not drawn
 
 
@@ -55,7 +56,11 @@ class Agent(Protocol):
         ...
 
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
-        """(n, K, H, W, 3) uint8 frames to (n, A) actions: the best, or drawn from the policy."""
+        """(n, K, H, W, 3) uint8 frames to (n, A) actions: the best, or drawn from the policy.
+
+        Called once a step for the same n worlds, so an agent may remember them. A stack of one
+        repeated frame that does not continue the last stack begins an episode.
+        """
         ...
 
     def explore(self, observation: Observation, replay: Replay) -> np.ndarray:

@@ -59,7 +59,7 @@ class CurlSacConfig(PixelAgentConfig):
     temperature_learning_rate: float = 1e-4
     temperature_beta1: float = 0.5
     encoder_rate: float = 0.05  # τ of the encoder's target
-    slow_every: int = 2  # updates between those of actor, temperature and targets
+    policy_period: int = 2  # updates between those of actor, temperature and targets
 
     def __post_init__(self) -> None:
         if self.crop_size > self.image_size:
@@ -140,11 +140,11 @@ class CurlSac(PixelAgent):
             return self.draw(maps)[0] if sample else self._half_actor.used(maps)[0].tanh()
 
     @property
-    def _is_slow(self) -> bool:
-        return self._counter.num_updates % self.config.slow_every == 0
+    def _updates_policy(self) -> bool:
+        return self._counter.num_updates % self.config.policy_period == 0
 
-    def learn(self, batch: Transitions, slow: bool = True) -> torch.Tensor:
-        """One update; (6,) its `losses`, of the actor only if `slow`, else NaN."""
+    def learn(self, batch: Transitions, updates_policy: bool = True) -> torch.Tensor:
+        """One update; (6,) its `losses`, of the actor only if it `updates_policy`, else NaN."""
         frames, next_frames = batch.frames, batch.next_frames
         assert frames is not None
         assert next_frames is not None
@@ -162,7 +162,7 @@ class CurlSac(PixelAgent):
         descend(critic_loss + contrast_loss, self._critic_optimizer, self._half_critic)
 
         losses = [critic_loss, contrast_loss, values.mean()]
-        if slow:
+        if updates_policy:
             losses += self.learn_policy(maps, features.detach())
             move_towards(self.target.encoder, self.critic.encoder, self.config.encoder_rate)
             move_towards(self.target.q, self.critic.q, self.config.critic_rate)

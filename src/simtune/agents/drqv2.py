@@ -115,7 +115,7 @@ class DrqV2(PixelAgent):
         super().load(tensors, state)
         self._noise.fill_(self.noise)
 
-    def learn(self, batch: Transitions, slow: bool = True) -> torch.Tensor:
+    def learn(self, batch: Transitions, updates_policy: bool = True) -> torch.Tensor:
         """One update; (4,) its `losses`."""
         assert batch.frames is not None
         assert batch.next_frames is not None

@@ -115,12 +115,12 @@ class PixelAgent(ABC):
         """`act` on its device."""
 
     @abstractmethod
-    def learn(self, batch: Transitions, slow: bool = True) -> torch.Tensor:
-        """One update, `slow` or not; its `losses`, NaN for those not computed."""
+    def learn(self, batch: Transitions, updates_policy: bool = True) -> torch.Tensor:
+        """One update, of the policy, too, or not; its `losses`, NaN for those not computed."""
 
     @property
-    def _is_slow(self) -> bool:
-        """Whether the next update contains what only every so-many-th does."""
+    def _updates_policy(self) -> bool:
+        """Whether the next update is of the policy and the targets, too, not of critics alone."""
         return True
 
     @abstractmethod
@@ -158,17 +158,21 @@ class PixelAgent(ABC):
             self._replay = replay
             self._begin_steps()
         for _ in range(num):
-            loss = self._steps[self._is_slow]()
+            loss = self._steps[self._updates_policy]()
             self._losses.append(loss.clone())  # a graph reuses its output's memory
             self._counter.update()
 
-    def _learn_drawn(self, slow: bool) -> torch.Tensor:
+    def _learn_drawn(self, updates_policy: bool) -> torch.Tensor:
         assert self._replay is not None
-        return self.learn(self._replay.sample(self._batch_size, self._generator, True), slow)
+        batch = self._replay.sample(self._batch_size, self._generator, with_frames=True)
+        return self.learn(batch, updates_policy)
 
     def _begin_steps(self) -> None:
         """Make anew what is captured as graphs, which hold the weights' and moments' memory."""
-        self._steps = [self._graphed(partial(self._learn_drawn, slow)) for slow in (False, True)]
+        self._steps = {
+            updates_policy: self._graphed(partial(self._learn_drawn, updates_policy))
+            for updates_policy in (False, True)
+        }
         self._acting: dict[tuple[int, bool], Step] = {}  # by the number of worlds, and sampling
 
     def _graphed(self, step: Step) -> Step:

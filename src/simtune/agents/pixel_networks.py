@@ -72,9 +72,9 @@ class Contrast(nn.Module):
     A bilinear product compares them (Laskin et al. 2020, Eq. 4 and appendix).
     """
 
-    def __init__(self, num_features: int = NUM_FEATURES):
+    def __init__(self):
         super().__init__()
-        self.weight = nn.Parameter(torch.rand(num_features, num_features))  # initialised as in CURL
+        self.weight = nn.Parameter(torch.rand(NUM_FEATURES, NUM_FEATURES))  # initialised as in CURL
 
     def forward(self, queries: torch.Tensor, keys: torch.Tensor) -> torch.Tensor:
         """(B, 50) each to logits (B, B): row i belongs to query i, whose own key is the i-th."""

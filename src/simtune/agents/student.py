@@ -35,7 +35,7 @@ class StudentConfig:
     # Beside a cheetah that a camera follows, its height is seen by the ground only. Rounded, an
     # update takes two thirds of the time, and keypoints move by a hundredth of a pixel.
     detector: DetectorConfig = field(
-        default_factory=lambda: DetectorConfig(reads_rows=True, rounds=True)
+        default_factory=lambda: DetectorConfig(reads_rows=True, uses_bfloat16=True)
     )
     hidden_size: int = 256
     batch_size: int = 256

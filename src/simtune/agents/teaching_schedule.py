@@ -43,9 +43,10 @@ class TeachingSchedule:
     @classmethod
     def of(cls, config: TeacherStudentConfig, spec: AgentSpec) -> "TeachingSchedule":
         # At least a round before the student's first trial
-        latest = (-(-spec.first_tried // spec.round_steps) - 1) * spec.round_steps - 1
+        period = spec.steps_between_updates
+        latest = (-(-spec.steps_before_trial // period) - 1) * period - 1
         shortest = min(1.0, spec.total_steps / 2)
-        begins = max(shortest, min(config.teacher_share * spec.first_tried, latest))
+        begins = max(shortest, min(config.teacher_share * spec.steps_before_trial, latest))
         to_film = config.filmed_share * (spec.total_steps - begins)
         least, most = config.detector_updates_per_step
         per_step = min(most, max(least, config.detector_updates / to_film))

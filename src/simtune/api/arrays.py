@@ -96,8 +96,9 @@ def _arrays(i: int, episode: Episode) -> dict[str, Any]:
         )
     arrays = dict[str, Any]()
     for key, value in episode.items():
-        with blame(f"real[{i}]: expected {key} as an array, its rows of one length"):
-            arrays[key] = _texts(value) if key == "action_names" else np.asarray(value)
+        wanted = f"real[{i}]: expected {key} as an array"
+        with blame(wanted):
+            arrays[key] = _texts(value) if key == "action_names" else _array(wanted, value)
     if wrong := [key for key, array in arrays.items() if array.dtype.kind not in "fiuU"]:
         got = in_words(arrays[wrong[0]])
         wanted = "texts" if wrong[0] == "action_names" else "numbers"
@@ -105,6 +106,15 @@ def _arrays(i: int, episode: Episode) -> dict[str, Any]:
     check_episode(f"real[{i}]", arrays)
     _check_rows(i, arrays)
     return arrays
+
+
+def _array(wanted: str, value: ArrayLike) -> np.ndarray:
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        if "inhomogeneous" in str(error):
+            raise InputError(f"{wanted}, its rows of one length: {error}") from error
+        raise
 
 
 def _texts(names: ArrayLike) -> np.ndarray:

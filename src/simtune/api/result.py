@@ -175,10 +175,15 @@ class Result:
             raise InputError(
                 f"{self.path} has no estimates to plot: nothing was searched for there"
             )
-        for name in names or ():
+        chosen = [names] if isinstance(names, str) else names
+        if chosen is None:
+            chosen = list(self.parameters)
+        if not chosen:
+            raise InputError("names is empty: no parameter to plot")
+        for name in chosen:
             if name not in self.parameters:
                 raise UnknownName("parameter", name, str(self.path), self.parameters)
-        return [self.parameters[name] for name in names or self.parameters]
+        return [self.parameters[name] for name in chosen]
 
     @property
     def curves(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -187,9 +192,9 @@ class Result:
 
     def __repr__(self) -> str:
         head = f"simtune.Result of {self.task}, {self.path}"
-        rows = table.lines(self._run.parameters, self._run.search)
+        rows = table.lines(self._run)
         return "\n".join([head, *rows, *(f"warning: {w}" for w in self.warnings)])
 
     def _repr_html_(self) -> str:
         warnings = "".join(f"<p>Please note: {table.escape(w)}</p>" for w in self.warnings)
-        return table.html(self._run.parameters, self._run.search) + warnings
+        return table.html(self._run) + warnings

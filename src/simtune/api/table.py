@@ -5,7 +5,17 @@ from html import escape
 from typing import Any
 
 from simtune.columns import aligned
-from simtune.report.words import MISSING, covered, interval, interval_label, number, percent, unit
+from simtune.report.data import RunData
+from simtune.report.words import (
+    MISSING,
+    covered,
+    interval,
+    interval_label,
+    not_looked_at,
+    number,
+    percent,
+    unit,
+)
 from simtune.validate import is_number
 
 Rows = Sequence[Sequence[str]]
@@ -13,18 +23,16 @@ _TEXTS = ("parameter", "unit", "verdict")  # left-aligned; numbers are right-ali
 _CELL = "<{0} style='text-align:{1}'>{2}</{0}>"
 
 
-def lines(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> list[str]:
-    """Lines of plain text, from result.json's facts on each parameter.
-
-    `search`: how the run searched for parameters; None if it did not.
-    """
-    rows = table_rows(parameters, search)
-    return aligned(rows, left=[i for i, name in enumerate(rows[0]) if name in _TEXTS])
+def lines(run: RunData) -> list[str]:
+    """Lines of plain text; parameters that nobody looked at are one line."""
+    rows = table_rows(run.looked_at, run.search)
+    left = [i for i, name in enumerate(rows[0]) if name in _TEXTS]
+    return [*aligned(rows, left=left), *filter(None, [not_looked_at(run.not_looked_at)])]
 
 
-def html(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> str:
+def html(run: RunData) -> str:
     """The same table as HTML."""
-    head, *rows = table_rows(parameters, search)
+    head, *rows = table_rows(run.looked_at, run.search)
 
     def line(tag: str, row: Sequence[str]) -> str:
         aligns = ("left" if name in _TEXTS else "right" for name in head)
@@ -32,11 +40,16 @@ def html(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> str
         return f"<tr>{''.join(cells)}</tr>"
 
     body = "\n".join(line("td", row) for row in rows)
-    return f"<table>\n<thead>{line('th', head)}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+    table = f"<table>\n<thead>{line('th', head)}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+    said = not_looked_at(run.not_looked_at)
+    return table + f"\n<p>{escape(said)}</p>" * bool(said)
 
 
 def table_rows(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> Rows:
-    """Texts of the cells: the head, then one row per parameter."""
+    """Texts of the cells: the head, then one row per parameter.
+
+    `parameters`: result.json's facts on each; `search`: how the run searched for them, if it did.
+    """
     is_known = any(is_number(p.get("real")) for p in parameters.values())
     has_intervals = search == "posterior"
     named = ("estimate" if search else "mean", interval_label(search))

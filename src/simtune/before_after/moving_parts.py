@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from simtune.run.files import plain
@@ -72,6 +73,11 @@ class MovingParts:
         return cls(parts, *(film[:steps] for film in films))
 
 
+def part_name(model: mujoco.MjModel, body: int) -> str:
+    """What a moving body is called in results."""
+    return model.body(body).name or f"body {body}"
+
+
 def follow_parts(
     simulator: Simulator,
     keypoints: Keypoints,
@@ -100,7 +106,7 @@ def follow_parts(
     before, after = seen.reshape(2, len(actions) + 1, len(keypoints), 2)
     is_sure = detections.probability[:, 0] >= _SURE
     return MovingParts(
-        tuple(model.body(body).name or f"body {body}" for body in bodies),
+        tuple(part_name(model, body) for body in bodies),
         np.where(is_sure[..., None], detections.keypoints, np.nan),
         before,
         after,

@@ -16,7 +16,7 @@ class Across(NamedTuple):
     """Edges on lines across outlines, at S places of each of N lines."""
 
     strength: np.ndarray  # (N, S) of the full scale per pixel
-    alike: np.ndarray  # (N, S) 0 to 1: agreement with the line's direction
+    direction_match: np.ndarray  # (N, S) 0 to 1: how well an edge has the line's direction
 
 
 class Film:
@@ -54,12 +54,12 @@ class Film:
         share = at - corner
         first = (frames[:, None] * height + corner[..., 1]) * width + corner[..., 0]
         found = [_along(_between(tensor, first, share, width), normals) for tensor in self._tensors]
-        squared, alike = found[0]
+        squared, match = found[0]
         if len(found) > 1:
-            alike = np.where(found[1][0] < squared, found[1][1], alike)
+            match = np.where(found[1][0] < squared, found[1][1], match)
             still = np.maximum(outlines.still, _STANDS_STILL)[:, None]
             squared = np.minimum(squared, found[1][0]) + still * squared
-        return Across(np.sqrt(squared * inside), alike)
+        return Across(np.sqrt(squared * inside), match)
 
 
 def _slopes(pictures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
-from simtune.camera_pose.scene import anywhere, measured_states, with_any_camera
+from simtune.camera_pose.scene import measured_states, unlocated_geoms, with_any_camera
 from simtune.camera_pose.search import CameraSearch
 from simtune.camera_pose.written import describe, tuning_table
 from simtune.config import CheckConfig
@@ -49,13 +49,13 @@ def find_camera_pose(config: CheckConfig, report: ReportProgress = silent) -> di
     )
     real = RecordedReal(dataset, seen.framed(dataset.aspects))
     trajectories = real.collect(config.episodes)
-    result = camera_by(task, real.observation, trajectories, budget, config.seed)
+    result = find_pose(task, real.observation, trajectories, budget, config.seed)
     if config.camera_pose:
         config.camera_pose.write_text(tuning_table(result))
     return result
 
 
-def camera_by(
+def find_pose(
     task: Task,
     seen: ObservationModel,
     trajectories: list[Trajectory],
@@ -69,7 +69,7 @@ def camera_by(
     frames, states = _known(simulator, seen, trajectories)
     size = (frames.shape[1], frames.shape[2])
     geometry = CameraGeometry.of(simulator.model, camera, task.parameters, size)
-    hidden = anywhere(simulator.model, camera, seen)
+    hidden = unlocated_geoms(simulator.model, camera, seen)
     robot = Robot(simulator.model, camera, states, geometry, hidden)
     plate = None if camera_moves(simulator.model, camera) else np.median(frames, 0)
     found = CameraSearch(frames, plate, robot, geometry, seed).run(budget)

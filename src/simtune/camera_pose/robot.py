@@ -11,7 +11,8 @@ from simtune.camera_pose.scene import has_outlines, robot_before
 from simtune.errors import InputError
 from simtune.simulation.rendering.depths import Depths
 
-_MESH, _EACH = mujoco.mjtGeom.mjGEOM_MESH.value, 4  # points of a geom
+_MESH = mujoco.mjtGeom.mjGEOM_MESH.value
+_EACH = 4  # points of a geom
 _ELSEWHERE_M = 1e4  # position of geoms to be hidden
 _STEP = 0.04  # relative step of distance that makes an outline
 _SMOOTH_PX = 1.2  # smoothing for an outline's direction
@@ -38,20 +39,19 @@ class Robot:
         camera: str,
         states: np.ndarray,
         geometry: CameraGeometry,
-        hidden: np.ndarray | None = None,
+        hidden: np.ndarray,
     ):
         """(M, S) full states; `geometry`: of the film's pictures; `hidden`: (ngeom,) bool, left
         out since they may be anywhere. Raises InputError if nothing else moves.
         """
-        self._hidden = np.zeros(model.ngeom, bool) if hidden is None else hidden
-        self._geometry, self._moves = geometry, robot_before(model, camera) & ~self._hidden
+        self._model, self._geometry, self._hidden = model, geometry, hidden
+        self._moves = robot_before(model, camera) & ~hidden
         if not self._moves.any():
             raise InputError(f"nothing that sensors measure moves before camera {camera!r}")
         given = model.camera(camera)
         self._poses = [_poses(model, int(given.bodyid[0]), state) for state in states]
         shown = has_outlines(model)
         self._depths = [Depths(model, camera, _smaller(geometry.size, by), shown) for by in (1, 2)]
-        self._model = model
 
     def outlines(
         self, unit: np.ndarray, which: np.ndarray, at_most: int, is_rough: bool = False

@@ -11,6 +11,7 @@ from simtune.errors import InputError
 from simtune.observation import ObservationModel, joints_of, measured_places
 from simtune.parameters import ParameterSpace, camera_pose, field_of_view
 from simtune.parameters.backlash import driven_through
+from simtune.simulation import StateSpace
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
 from simtune.vision.keypoints import ENDLESS, is_drawn, moves_before
@@ -55,7 +56,9 @@ def has_outlines(model: mujoco.MjModel) -> np.ndarray:
     return is_drawn(model) & ~np.isin(model.geom_type, ENDLESS)
 
 
-def anywhere(model: mujoco.MjModel, camera: str, observation: ObservationModel) -> np.ndarray:
+def unlocated_geoms(
+    model: mujoco.MjModel, camera: str, observation: ObservationModel
+) -> np.ndarray:
     """(ngeom,) bool: what may be anywhere before a camera, since a joint between is not measured.
 
     Such as a box on the table. A joint that moves the camera as well is not between.
@@ -104,12 +107,14 @@ def measured_states(
 
     Unmeasured joints are as in `full_state`; missing readings are NaN.
     """
-    states = []
+    space = StateSpace(model)
+    at_rest = space.positions_and_velocities(full_state).copy()
+    at_rest[model.nq :] = 0.0
+    found = []
     for trajectory in trajectories:
-        full = np.tile(full_state, (len(trajectory) + 1, 1))
-        full[:, 1 + model.nq : 1 + model.nq + model.nv] = 0.0
+        states = np.tile(at_rest, (len(trajectory) + 1, 1))
         for sensor in joints_of(observation.sensors):
             if not sensor.is_velocity:
-                full[:, 1 + sensor.places] = trajectory.readings[sensor.name]
-        states.append(full)
-    return np.concatenate(states)
+                states[:, sensor.places] = trajectory.readings[sensor.name]
+        found.append(space.with_positions_and_velocities(full_state, states))
+    return np.concatenate(found)

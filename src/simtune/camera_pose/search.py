@@ -13,7 +13,7 @@ from simtune.camera_pose.film import Film
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
-from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Alike, Fit, Tracker
+from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Agreement, Fit, Tracker
 from simtune.cameras.pictures import resize
 from simtune.errors import InputError
 
@@ -28,14 +28,14 @@ _ROUGH_PICTURES, _FEWEST_PICTURES, _MOST_PICTURES = 16, 8, 48
 _TIMED = 4  # pictures
 _SHARE = 0.7  # of the time left, for fine fits
 
-Judged = tuple[Alike, Fit]
+Judged = tuple[Agreement, Fit]
 
 
 class Found(NamedTuple):
     """A camera, and the ends of all fits that are about as good, including its own."""
 
     fit: Fit
-    alike: Alike
+    agreement: Agreement
     ends: np.ndarray  # (K, P) unit coordinates
 
 
@@ -70,9 +70,9 @@ class CameraSearch:
             budget.report("laying the robot on the film", 0.7 + 0.3 * number / _KEPT)
             fine += _judged(tracker, fit.unit, FINE)
         fine = fine or kept
-        alike, best = max(fine, key=_score)
-        as_good = [fit.unit for candidate, fit in fine if candidate.score > _AS_GOOD * alike.score]
-        return Found(best, alike, np.array([best.unit, *as_good]))
+        agreement, best = max(fine, key=_score)
+        as_good = [fit.unit for its, fit in fine if its.score > _AS_GOOD * agreement.score]
+        return Found(best, agreement, np.array([best.unit, *as_good]))
 
     def _ends(self, budget: Budget) -> list[Judged]:
         """The best ends of rough fits, the best last."""
@@ -143,13 +143,13 @@ class CameraSearch:
 
 
 def _is_sure(ends: list[Judged]) -> bool:
-    return any(alike.beyond_chance > _SURE for alike, _ in ends)
+    return any(agreement.beyond_chance > _SURE for agreement, _ in ends)
 
 
 def _judged(tracker: Tracker, start: np.ndarray, off_px: tuple[float, ...]) -> list[Judged]:
     """One, or none if the robot is out of sight."""
     fit = tracker.fit(start, off_px)
-    return [(tracker.alike(fit.unit), fit)] if fit else []
+    return [(tracker.agreement(fit.unit), fit)] if fit else []
 
 
 def _score(judged: Judged) -> float:

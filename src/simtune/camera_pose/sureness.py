@@ -4,14 +4,14 @@ import numpy as np
 from scipy.special import stdtrit
 
 from simtune.camera_pose.search import Found
-from simtune.camera_pose.tracking import Alike, Fit
+from simtune.camera_pose.tracking import Agreement, Fit
 
 _ALIKE = 30.0  # points with errors so correlated, within and between frames, that they count as one
 _SWOLLEN_PX = 0.3  # by which all outlines may be too large or too small: dark rims, compression
 # Least share of outlines on edges in excess of chance: .4 to .6 for simulated cameras that were
 # found, .15 to .3 for a real one, up to .06 for wrong ones.
 _BY_CHANCE = 0.1
-_CLUSTERS = 8  # stretches of frames with correlated errors
+_CLUSTERS = 8  # of consecutive frames, within which errors are correlated
 
 
 def spread(found: Found) -> np.ndarray:
@@ -19,22 +19,22 @@ def spread(found: Found) -> np.ndarray:
 
     The whole range if outlines are on the film's edges only by chance.
     """
-    if is_by_chance(found.alike):
+    if is_by_chance(found.agreement):
         return np.ones(len(found.fit.unit))
     ends = np.square(found.ends - found.fit.unit).mean(0)
     variance = np.diag(covariance(found.fit)) + ends
     return np.minimum(float(stdtrit(_CLUSTERS - 1, 0.95)) * np.sqrt(variance), 1.0)
 
 
-def is_by_chance(alike: Alike) -> bool:
+def is_by_chance(agreement: Agreement) -> bool:
     """Whether the camera is not the film's, judging by edges."""
-    return alike.beyond_chance < _BY_CHANCE
+    return agreement.beyond_chance < _BY_CHANCE
 
 
 def covariance(fit: Fit) -> np.ndarray:
     """(P, P), from errors of points, of consecutive frames, and common to all.
 
-    With slopes A of N points, weights W, residuals r, G stretches of frames (Liang and Zeger 1986)
+    With slopes A of N points, weights W, residuals r, G clusters of frames (Liang and Zeger 1986)
     and outlines that are all b pixels too large:
 
         B = (AᵀWA)⁻¹,   c · rᵀWr / tr W · B  +  B [G / (G − 1) Σ_g s_g s_gᵀ + b² v vᵀ] B

@@ -41,7 +41,7 @@ class Fit(NamedTuple):
     slopes: np.ndarray  # (N, P) derivatives of the point along the normal
 
 
-class Alike(NamedTuple):
+class Agreement(NamedTuple):
     """Shares, 0 to 1, of what agrees."""
 
     on_edges: float  # of outlines, on edges of their frame
@@ -82,11 +82,11 @@ class Tracker:
                 unit = np.clip(unit + step, -beyond, 1 + beyond)
         return found and found._replace(unit=unit)
 
-    def alike(self, unit: np.ndarray) -> Alike:
+    def agreement(self, unit: np.ndarray) -> Agreement:
         """How well a camera (P,) explains the film."""
         outlines = self._robot.outlines(unit, self._which, _POINTS)
         if len(outlines.frames) < _FEWEST_POINTS:
-            return Alike(0, 0, 0)
+            return Agreement(0, 0, 0)
         num = self._film.num
         later = outlines._replace(frames=(outlines.frames + num // 2) % num)
         on_edges, by_chance = (self._on_edges(its) for its in (outlines, later))
@@ -98,7 +98,7 @@ class Tracker:
             for its, edges in zip(drawn, self._film.moving(), strict=True)
             if its.any() and edges.any()
         ]
-        return Alike(on_edges, by_chance, float(np.sum(explained)) / num)
+        return Agreement(on_edges, by_chance, float(np.sum(explained)) / num)
 
     def _on_edges(self, outlines: Outlines) -> float:
         """Share of moving outlines that lie on edges."""
@@ -126,12 +126,12 @@ class Tracker:
         step_px = min(1.0, max(0.5, reach_px / 8))
         num = int(np.ceil(reach_px / step_px)) + 1
         steps = step_px * np.arange(-num, num + 1)
-        strength, alike = self._film.across(outlines, pixels, steps)
+        strength, direction_match = self._film.across(outlines, pixels, steps)
         before, here, after = strength[:, :-2], strength[:, 1:-1], strength[:, 2:]
         is_peak = (here >= before) & (here > after)
         bend = np.maximum(2 * here - before - after, 1e-9)
         beside = np.where(is_peak, np.clip((after - before) / (2 * bend), -0.5, 0.5), 0)
-        clear = is_peak * here**2 / (here**2 + _FAINT**2) * alike[:, 1:-1] ** 2
+        clear = is_peak * here**2 / (here**2 + _FAINT**2) * direction_match[:, 1:-1] ** 2
         return steps[1:-1] + step_px * beside, clear
 
 

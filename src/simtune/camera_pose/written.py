@@ -48,7 +48,7 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
 
 def _warnings(task: Task, found: Found) -> list[str]:
     said, unit = [], found.fit.unit
-    if is_by_chance(found.alike):
+    if is_by_chance(found.agreement):
         said.append(
             "the robot's edges are not on the film's: this is not the camera. Are the readings "
             "those of the frames, and does the model look like the robot? Else give a nearer "

@@ -1,9 +1,11 @@
-"""Pictures: resized, and how many at a time."""
+"""Pictures: resized, how many at a time, and their border."""
 
 import functools
 
 import numpy as np
 
+# Points outside of the picture are clipped so far inside: detectors name no place beyond.
+BORDER_PX = 0.5
 _GPU_PIXELS = 2**23  # in pictures at once: some hundred MB for a detector
 
 

@@ -8,6 +8,7 @@ from itertools import product
 import mujoco
 import numpy as np
 
+from simtune.before_after.moving_parts import part_name
 from simtune.cameras.views import View
 from simtune.parameters import Parameter
 from simtune.simulation import Simulator
@@ -25,23 +26,35 @@ def extents_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) 
 
     Median over some of the (E, T + 1, S) states of nominal worlds.
     """
-    corners = corners_of_parts(simulator.model, views, simulator.image_size)
-    if not len(corners):
-        return {}
     at = np.linspace(0, states.shape[1] - 1, min(_STEPS, states.shape[1])).astype(int)
     some = states[:_EPISODES, at].reshape(-1, states.shape[2])
-    worlds = np.tile(simulator.space.nominal, (len(some), 1))
+    found: dict[str, float] = {}
+    for (body, _), pixels in corners_px(simulator, some, views).items():
+        name = part_name(simulator.model, body)
+        found[name] = max(found.get(name, 0.0), float(np.median(_across(pixels))))
+    return found
+
+
+def corners_px(
+    simulator: Simulator, states: np.ndarray, views: Sequence[View]
+) -> dict[tuple[int, int], np.ndarray]:
+    """{(body, index of the view): (n, L, 2) pixels of the corners of its geoms}, in (n, S) states.
+
+    Of nominal worlds, and of what moves before a view's camera.
+    """
+    corners = _corners_of_parts(simulator.model, views, simulator.image_size)
+    if not len(corners):
+        return {}
+    worlds = np.tile(simulator.space.nominal, (len(states), 1))
     rng = np.random.default_rng(0)
-    seen = simulator.begin(worlds, rng, starts=some, observe=corners.observe).observed
+    seen = simulator.begin(worlds, rng, starts=states, observe=corners.observe).observed
     pixels = seen.reshape(-1, len(corners), 2).astype(float)
     model = simulator.model
     bodies = model.body_weldid[model.geom_bodyid[corners.geoms]]
-    found: dict[str, float] = {}
-    for body, view in sorted(set(zip(bodies.tolist(), corners.views.tolist(), strict=True))):
-        corners_px = pixels[:, (bodies == body) & (corners.views == view)]
-        name = model.body(body).name or f"body {body}"
-        found[name] = max(found.get(name, 0.0), float(np.median(_across(corners_px))))
-    return found
+    pairs = sorted(set(zip(bodies.tolist(), corners.views.tolist(), strict=True)))
+    return {
+        (body, view): pixels[:, (bodies == body) & (corners.views == view)] for body, view in pairs
+    }
 
 
 def small(
@@ -100,10 +113,10 @@ def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[str]:
         return []
     ids = [getattr(model, prefix)(name).id for name in parameter.objects]
     bodies = model.body_weldid[ids if prefix == "body" else model.geom_bodyid[ids]]
-    return sorted({model.body(body).name or f"body {body}" for body in bodies.tolist()})
+    return sorted({part_name(model, body) for body in bodies.tolist()})
 
 
-def corners_of_parts(model: mujoco.MjModel, views: Sequence[View], image_size: int) -> Keypoints:
+def _corners_of_parts(model: mujoco.MjModel, views: Sequence[View], image_size: int) -> Keypoints:
     """Corners of the bounding boxes of all geoms that move before a camera."""
     candidates = candidate_keypoints(model, views, image_size)
     pairs = np.unique(np.stack([candidates.views, candidates.geoms], 1), axis=0)

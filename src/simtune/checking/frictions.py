@@ -53,8 +53,8 @@ def contacts(model: mujoco.MjModel, states: np.ndarray) -> Contacts:
 
 def _why_unfelt(
     model: mujoco.MjModel, states: np.ndarray, found: Contacts, parameter: Parameter
-) -> str:
-    """ "" if contacts feel it, or it is not known why not."""
+) -> str | None:
+    """None if contacts feel it, or it is not known why not."""
     geoms, column = [model.geom(name).id for name in parameter.objects], parameter.component or 0
     touching = np.isin(found.geoms, geoms).any(1)
     objects = ", ".join(parameter.objects)
@@ -70,7 +70,7 @@ def _why_unfelt(
     if len(changed.geoms) != len(found.geoms) or np.any(
         changed.friction[touching, of_contact] != found.friction[touching, of_contact]
     ):
-        return ""
+        return None
     others = np.setdiff1d(found.geoms[touching], geoms).tolist()
     return _outweighed(model, objects, others)
 

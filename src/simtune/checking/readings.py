@@ -2,31 +2,29 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from simtune.checking.servos.commands import commands_of, servos_of
-from simtune.checking.servos.doubts import Watched, doubts
-from simtune.checking.servos.fit import Servo, fit_servo, predict
+from simtune.checking.servos.fit import ServoResponse
+from simtune.checking.servos.following import Watched
+from simtune.checking.servos.gains import gains_to_write
 from simtune.checking.servos.joint_ranges import CERTAINLY_WIDER, WIDER, beyond_ranges
-from simtune.checking.servos.lost import missing, without_lost_packets
+from simtune.checking.servos.look import FEWEST_STEPS, SeenJoint, look_at
+from simtune.checking.servos.lost import missing
 from simtune.checking.servos.picture import Curve
-from simtune.checking.servos.play import find_play
 from simtune.fit import Readings
 from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed
-from simtune.observation import ObservationModel, joints_of, units_of, usual_noise
+from simtune.observation import ObservationModel, assumed_noise, joints_of, units_of
 from simtune.real.recorded import read_episode
 from simtune.recordings import Dataset
-from simtune.run.files import plain
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 
 _CORRELATED_S = 0.5  # correlation time of a reading's residuals: model errors, not noise
 _LEFT = 0.03  # of a reading's travel: assumed residuals of a fit if no servo gives them
-_FEWEST_STEPS = 8
 _ASSUMED_OF_RECORDINGS = (
     f"as if what a lag and an offset leave of each reading, for {_CORRELATED_S:g} s at a "
     "time, were left by the best fit, too"
@@ -38,7 +36,7 @@ class ReadEpisodes(NamedTuple):
     """Recorded readings, and how their joints follow commands."""
 
     trajectories: list[Trajectory]  # without pictures
-    servos: dict[str, Servo]  # by reading
+    servos: dict[str, ServoResponse]  # by reading
     curves: dict[str, Curve]  # of the first episode that is long enough
     facts: dict[str, Any]  # JSON
     warnings: list[str]
@@ -61,41 +59,59 @@ def look_at_servos(
     names: Sequence[str] = (),
 ) -> ReadEpisodes:
     """How the joints of episodes, with these names, follow their commands."""
-    servos, plays, found = dict[str, Servo](), dict[str, float | None](), list[str]()
-    curves = dict[str, Curve]()
     sensors = joints_of(observation.sensors)
-    labels, units = observation.reading_labels, units_of(sensors)
-    followed = servos_of(simulator, sensors)
-    commands = commands_of(simulator, sensors, trajectories) if any(followed) else []
     read = Readings.of(trajectories, sensors).values
-    noise = usual_noise(sensors)
-    wider = [WIDER if servo is None else CERTAINLY_WIDER for servo in followed]
-    found += missing(labels, read, [len(t) for t in trajectories], names)
-    long = [e for e, c in enumerate(commands) if len(c) >= _FEWEST_STEPS]
-    for column, command_of in enumerate(followed):
-        if command_of is None or not long:
-            continue
-        asked = [command_of.targets(c) for c in commands]
-        measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
-        label, unit = labels[column], units[column]
-        measured, lost = without_lost_packets(label, unit, asked, measured, noise[column], names)
-        fitted = [asked[e] for e in long], [measured[e] for e in long]
-        servo = fit_servo(*fitted, simulator.step_s)
-        play = find_play(servo, *fitted, simulator.step_s)
-        servos[label], plays[label] = servo, play.width if play.is_clear(servo.noise) else None
-        joint = Watched(label, unit, asked, measured, servo, simulator.step_s, names)
-        if doubtful := doubts(joint):
-            wider[column] = math.inf  # nothing said twice
-        found += lost + doubtful
-        command = asked[long[0]]
-        (predicted,) = predict(servo, [command], simulator.step_s)
-        curves[label] = Curve(unit, command, measured[long[0]], predicted, servo)
+    found = missing(observation.reading_labels, read, [len(t) for t in trajectories], names)
+    joints = _watched(trajectories, simulator, observation, read, names)
+    is_long = any(len(t) >= FEWEST_STEPS for t in trajectories)
+    others = [joint for joint in joints if joint]
+    seen = [
+        look_at(joint, noise, others) if joint and is_long else None
+        for joint, noise in zip(joints, assumed_noise(sensors), strict=True)
+    ]
+    by_name = {joint.name: its for joint, its in zip(joints, seen, strict=True) if joint and its}
+    for its in by_name.values():
+        found += its.warnings
+    found += gains_to_write(sensors, [its.misread_by if its else 1.0 for its in seen])
+    wider = [_wider(joint, its) for joint, its in zip(joints, seen, strict=True)]
     found += beyond_ranges(simulator.model, sensors, read, wider)
-    facts = {
-        label: plain({"unit": units[labels.index(label)], **asdict(servo), "play": plays[label]})
-        for label, servo in servos.items()
-    }
-    return ReadEpisodes(trajectories, servos, curves, facts, found)
+    return ReadEpisodes(
+        trajectories,
+        servos={name: its.servo for name, its in by_name.items()},
+        curves={name: its.curve for name, its in by_name.items()},
+        facts={name: its.facts() for name, its in by_name.items()},
+        warnings=found,
+    )
+
+
+def _watched(
+    trajectories: list[Trajectory],
+    simulator: Simulator,
+    observation: ObservationModel,
+    read: np.ndarray,
+    names: Sequence[str],
+) -> list[Watched | None]:
+    """For each of D readings the joint that actions command, or None; `read`: (E, T + 1, D)."""
+    sensors = joints_of(observation.sensors)
+    servos = servos_of(simulator, sensors)
+    commands = commands_of(simulator, sensors, trajectories) if any(servos) else []
+    found = list[Watched | None]()
+    for column, servo in enumerate(servos):
+        if servo is None:
+            found.append(None)
+            continue
+        name, unit = observation.reading_labels[column], units_of(sensors)[column]
+        asked = [servo.targets(c) for c in commands]
+        measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
+        found.append(Watched(name, unit, asked, measured, simulator.step_s, names))
+    return found
+
+
+def _wider(joint: Watched | None, seen: SeenJoint | None) -> float:
+    """Than a joint's range: readings that span so much are told of."""
+    if seen and seen.is_doubtful:
+        return math.inf  # nothing said twice
+    return WIDER if joint is None else CERTAINLY_WIDER
 
 
 def reading_changes(
@@ -110,7 +126,7 @@ def reading_changes(
     nominal = where_analyzed(simulator.space)
     readings = Readings.of(recorded.trajectories, sensors) if recorded else None
     replayed = ReplayedReadings(simulator, observation, nominal, actions, readings, seed)
-    noise = usual_noise(sensors)
+    noise = assumed_noise(sensors)
     if recorded and readings:
         left = _left(readings.values, recorded.servos, observation.reading_labels)
         noise = np.maximum(noise, left) * np.sqrt(max(1.0, _CORRELATED_S / simulator.step_s))
@@ -118,7 +134,9 @@ def reading_changes(
     return changes, _ASSUMED_OF_RECORDINGS if recorded else _ASSUMED
 
 
-def _left(values: np.ndarray, servos: Mapping[str, Servo], labels: Sequence[str]) -> np.ndarray:
+def _left(
+    values: np.ndarray, servos: Mapping[str, ServoResponse], labels: Sequence[str]
+) -> np.ndarray:
     """(D,) root mean square residuals that the best fit may leave of (E, T + 1, D) readings."""
     flat = values.reshape(-1, values.shape[-1])
     usual = _LEFT * np.ptp(np.nanpercentile(flat, (1, 99), axis=0), axis=0)

@@ -4,15 +4,20 @@ from typing import Any
 
 import numpy as np
 
+from simtune.checking.film.as_read import AsRead
+from simtune.checking.film.camera_film import camera_films
 from simtune.checking.film.library import MOST_STEPS
-from simtune.checking.film.look import Films, look_at, shrunk
+from simtune.checking.film.look import look_at, shrunk
 from simtune.checking.film.picture import named, new_file
 from simtune.checking.readings import ReadEpisodes, read_episodes
 from simtune.checking.recording_warnings import refuse_if_all_short, warnings
+from simtune.checking.servos.lengths import far_beyond_model
 from simtune.checking.servos.picture import draw_servos
+from simtune.checking.starts import far_starts
 from simtune.config import CheckConfig
 from simtune.errors import InputError
-from simtune.observation import ObservationModel
+from simtune.fit import Readings
+from simtune.observation import ObservationModel, joints_of
 from simtune.progress import ReportProgress
 from simtune.real.observed import open_recordings
 from simtune.real.recorded import how_many
@@ -34,27 +39,33 @@ def of_recordings(
     """
     dataset = open_recordings(config.real or "", task, config, size, seen)
     num = how_many(dataset, config.episodes)
-    recorded, film = look_through(dataset, report, min(num, _LOOKED_AT) * bool(seen.cameras))
+    recorded, frames = look_through(dataset, report, min(num, _LOOKED_AT) * bool(seen.cameras))
     lengths = [len(actions) for actions in recorded[:num]]
     refuse_if_all_short(lengths, are_filmed=bool(seen.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
     facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
-    films = Films.of(seen.framed(dataset.aspects), film)
+    films = camera_films(seen.framed(dataset.aspects), frames)
     # Supersampled as in tuning: a real camera averages over its pixels.
     simulator = task.simulator(
         image_size=size,
         step_s=dataset.step_s,
         supersampling=seen.supersampling,
-        views=[shrunk(view, size) for view in films.views],
+        views=[shrunk(film.view, size) for film in films],
     )
     actions = np.stack([actions[: min(lengths)] for actions in recorded[:num]])
+    read = read_episodes(dataset, num, simulator, seen) if seen.sensors else None
+    sensors = joints_of(seen.sensors)
+    values = Readings.of(read.trajectories, sensors).values if read else None
+    far = far_beyond_model(simulator, recorded[:num], sensors, values)
+    facts["warnings"] += [far] if far else []
     if seen.cameras:
         report("comparing pictures", 0.0)
-        facts["films"], more = look_at(films, task, simulator, actions, config)
-        facts["warnings"] += more
-    read = None
-    if seen.sensors:
-        read = read_episodes(dataset, num, simulator, seen)
+        as_read = AsRead(simulator, seen, read.trajectories[: len(frames)]) if read else None
+        facts["films"], more = look_at(films, task, simulator, actions, config, as_read, far)
+        facts["warnings"] += [warning for warning in more if warning != far]
+        if values is not None and not far:
+            facts["warnings"] += far_starts(simulator, sensors, values, config.seed)
+    if read:
         facts["servos"] = read.facts
         facts["warnings"] += read.warnings
         if read.curves:

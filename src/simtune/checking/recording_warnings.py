@@ -8,6 +8,7 @@ import numpy as np
 from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.recordings.source import short
+from simtune.recordings.unused_steps import of_lengths, of_unfilmed
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
@@ -45,6 +46,7 @@ def warnings(
             "take a smaller --control-hz"
         )
     found += _of_gaps(facts.get("gaps", {})) + _of_clocks(facts.get("unused_s", {}))
+    found += of_unfilmed(facts.get("unfilmed", {}))
     if search == "posterior":
         lengths = [len(actions) for actions in recorded[:num_replayed]]
         found += _of_lengths(lengths, facts.get("names", ()), are_filmed=bool(facts["cameras"]))
@@ -93,12 +95,8 @@ def _of_clocks(unused: Mapping[str, tuple[float, float]]) -> list[str]:
 def _of_lengths(lengths: list[int], names: Sequence[str], *, are_filmed: bool) -> list[str]:
     """On episodes of these numbers of steps, and with these names."""
     found, least = [], _fewest_steps(are_filmed=are_filmed)
-    unused = sum(lengths) - len(lengths) * min(lengths)
-    if unused and are_filmed:  # readings use all steps
-        found.append(
-            f"episodes last {min(lengths)} to {max(lengths)} steps: all are cut to the shortest, "
-            f"{unused} of {sum(lengths)} steps are not used"
-        )
+    if are_filmed:  # readings use all steps
+        found += of_lengths(lengths, names)
     if min(lengths) < least:
         episode = episode_in_words(names, lengths.index(min(lengths)))
         found.append(

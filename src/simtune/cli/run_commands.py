@@ -50,11 +50,12 @@ def train(config: TrainConfig, print_line: PrintLine, typed: Sequence[str]) -> C
 def _print_result(result: dict[str, Any], out: Path, print_line: PrintLine) -> CommandResult:
     """Print the estimates if there are any, all warnings, and a policy's scores."""
     from simtune.api.table import lines
+    from simtune.report.read_run import read_run
     from simtune.report.trust import num_holding
     from simtune.report.words import number
 
     if result["method"] not in UNTUNED:
-        print_line("\n".join(lines(result["parameters"], result["search"])))
+        print_line("\n".join(lines(read_run(out))))
         if "percent_error" in result:
             print_line(f"mean error {result['percent_error']:.1f} %")
         if result["search"] != "posterior":

@@ -32,8 +32,9 @@ _SMALLEST_PROBABILITY = 1e-300  # a normal deviate of 37
 def compare(config: CompareConfig) -> dict[str, Any]:
     """The differences between runs' estimates, and whether the runs agree; JSON.
 
-    Of what all runs tuned. Raises InputError if a run has not ended or gives no intervals, or if
-    they have no parameter in common.
+    Of what all runs tuned. "told" names the parameters of which no run says "not identifiable":
+    only there does it mean anything that runs agree. Raises InputError if a run has not ended or
+    gives no intervals, or if they have no parameter in common.
     """
     config.check()
     runs = [read_finished(folder) for folder in config.run_folders]
@@ -52,6 +53,7 @@ def compare(config: CompareConfig) -> dict[str, Any]:
         "runs": [str(run.path) for run in runs],
         "task": runs[0].result["task"],
         "agree": bool(abs(z[worst]) <= limit),
+        "told": [name for name in names if not any(_is_unknown(run, name) for run in runs)],
         "largest": names[worst],
         "limit_std": limit,
         "false_alarm_rate": FALSE_ALARM_RATE,
@@ -106,13 +108,16 @@ def _notes(runs: list[RunData], names: list[str]) -> list[str]:
                 f"runs {i + 1} and {k + 1} are of pseudo-real worlds with different true parameters"
             )
     for i, run in enumerate(runs):
-        told = run.parameters
-        if unknown := [n for n in names if told[n].get("verdict") == "not identifiable"]:
+        if unknown := [name for name in names if _is_unknown(run, name)]:
             of_them = ", ".join(unknown[:_MOST_NAMED]) + ", ..." * (len(unknown) > _MOST_NAMED)
             notes.append(f"run {i + 1} does not tell {of_them}: that it agrees there says nothing")
     if any(a.config.get("task_content") != b.config.get("task_content") for a, b in pairwise(runs)):
         notes.append("the model or the tuning file is not the same in all runs")
     return notes
+
+
+def _is_unknown(run: RunData, name: str) -> bool:
+    return run.parameters[name].get("verdict") == "not identifiable"
 
 
 def _saw_the_same(a: RunData, b: RunData) -> bool:

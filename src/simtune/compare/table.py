@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from simtune.columns import aligned
+from simtune.columns import aligned, counted
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -28,8 +28,14 @@ def _says(result: dict[str, Any]) -> str:
     num = len(result["parameters"])
     of_all = f"the largest of {num} differences" if num > 1 else "the difference"
     rate = f"{100 * result['false_alarm_rate']:g} %"
+    num_told, which = len(result["told"]), "both" if len(result["runs"]) == 2 else "all"
+    says = "The runs agree" if result["agree"] else "The runs disagree"
+    if result["agree"] and not num_told:
+        says = f"No parameter is told by {which} runs, and so nothing says that they agree"
+    elif result["agree"] and num_told < num:
+        says = f"In {num_told} of {counted(num, 'parameter')}, which {which} tell, the runs agree"
     return (
-        f"The runs {'agree' if result['agree'] else 'disagree'}: {of_all} is {largest:.1f} "
+        f"{says}: {of_all} is {largest:.1f} "
         f"standard deviations ({name}). Above {limit:.1f} it would be in {rate} of "
         f"{'pairs' if len(result['runs']) == 2 else 'sets'} of runs of one world, if all intervals "
         "are right."

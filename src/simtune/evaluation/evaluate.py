@@ -31,7 +31,10 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
     config.check()
     if config.real is not None:
         return evaluate_replay(config.run_folder, config.real, config.episodes)
-    if _stored(config.run_folder)["config"]["real"] != "pseudo" and config.parameters is None:
+    stored = _stored(
+        config.run_folder, "; one of `simtune tune` with joint readings needs --real DIR"
+    )
+    if stored["config"]["real"] != "pseudo" and config.parameters is None:
         raise InputError(
             f"{config.run_folder} is of the real world, where no return is known; give "
             "--parameters of a simulated one"
@@ -68,7 +71,6 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     trained = build_training(TrainConfig(**options), settings=settings, trained=state)
     _check_unchanged(trained, stored, run_folder)
     trained.load_agent(tensors, state)
-    trained.environment.lowest_reward = state["lowest_reward"]
     if run_config["real"] != "pseudo":
         found = Estimate.from_json(state["estimate"])
         late = round(found.late_steps(trained.real.step_s) + trained.declared_late_steps)
@@ -105,17 +107,14 @@ def _check_unchanged(trained: TrainingExperiment, stored: dict[str, Any], run_fo
     )
 
 
-def _stored(run_folder: Path) -> dict[str, Any]:
+def _stored(run_folder: Path, hint: str = "") -> dict[str, Any]:
     """config.json of a training, with defaults of options that its version did not have.
 
-    Raises InputError if there is none.
+    Raises InputError, with a hint, if there is none.
     """
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
     if stored is None or "method" not in stored["config"]:
-        raise InputError(
-            f"{run_folder} is no folder that `simtune train` wrote; one of `simtune tune` with "
-            "joint readings needs --real DIR"
-        )
+        raise InputError(f"{run_folder} is no folder that `simtune train` wrote{hint}")
     check_names_task(run_folder, stored["config"])
     return stored | {"config": option_defaults(TrainConfig) | stored["config"]}

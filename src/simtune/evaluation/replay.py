@@ -1,5 +1,6 @@
 """`simtune evaluate RUN --real DIR`: other recordings, replayed open loop in a tuned simulator."""
 
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 from simtune.before_after.readings import Replayed, Tuned, replay
 from simtune.config import TuneConfig
 from simtune.errors import InputError
+from simtune.observation import assumed_noise, finds_offset, joints_of
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.report.data import RunData
@@ -16,27 +18,33 @@ from simtune.report.read_run import finished, read_run
 from simtune.tasks import Task, with_model
 
 _SMALLEST_PX = 1  # nothing is drawn
+_FAR = 10.0  # times what a run leaves of its own recordings, or the sensor's noise
 
 
 def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None) -> dict[str, Any]:
     """{"sensors": {joint: its unit, rms before and after tuning, better_in}, "episodes"}.
 
-    `better_in`: the number of episodes that are replayed better after tuning.
+    `better_in`: the number of episodes that are replayed better after tuning. Where the run was
+    tuned to readings, "rms_tuned_to" is what it leaves of those, and "far_off" names readings of
+    which far more is left here. "no_offset" names those whose offset it does not know.
 
-    Raises InputError for a run without joint readings, or recordings that do not match it.
+    Raises InputError for a task without joint readings, or recordings that do not match it.
     """
     run = read_run(run_folder)
-    if "sensors" not in run.result:
-        raise InputError(
-            f"{run_folder} has no joint readings to replay: --real goes with a finished run of "
-            "`simtune tune` on a tuning file with [[sensors]]"
-        )
+    refused = InputError(
+        f"{run_folder} has no joint readings to replay: --real goes with a finished run of "
+        "`simtune tune` on a tuning file with [[sensors]]"
+    )
+    if "latency_steps" not in run.result and "sensors" not in run.result:
+        raise refused
     task = with_model(finished(run).load_task())
+    if not task.sensors:
+        raise refused
     real = _open(run, task, recordings)
     trajectories = real.collect(num_episodes or real.num_episodes)
     parameters, space = run.parameters, task.parameters
     start, mean = (np.array([parameters[n][k] for n in space.names]) for k in ("initial", "mean"))
-    offsets = {name: facts["offset"] for name, facts in run.result["sensors"].items()}
+    offsets = {name: facts["offset"] for name, facts in run.readings.items()}
     simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s, views=())
     tuned = Tuned(mean, offsets, *_late(run, real.step_s))
     replayed = replay(simulator, real.observation, trajectories, start, tuned)
@@ -45,7 +53,29 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
         name: {key: facts[key] for key in kept} | {"better_in": less_left[name]}
         for name, facts in replayed.scores().items()
     }
-    return {"sensors": sensors, "episodes": len(trajectories)}
+    for name, facts in run.readings.items():
+        sensors[name]["rms_tuned_to"] = facts["rms"]
+    joints, labels = joints_of(real.observation.sensors), replayed.labels
+    finds = zip(labels, finds_offset(joints), strict=True)
+    noise = dict(zip(labels, assumed_noise(joints).tolist(), strict=True))
+    return {
+        "sensors": sensors,
+        "episodes": len(trajectories),
+        "far_off": far_off(sensors, noise),
+        "no_offset": [name for name, is_found in finds if is_found and name not in offsets],
+    }
+
+
+def far_off(sensors: Mapping[str, Mapping[str, Any]], noise: Mapping[str, float]) -> list[str]:
+    """Readings of which far more is left than in the recordings that the run was tuned to.
+
+    `noise`: of each reading; what is below some times that is not far, whatever is left of others.
+    """
+    return [
+        name
+        for name, its in sensors.items()
+        if "rms_tuned_to" in its and its["rms"] >= _FAR * max(its["rms_tuned_to"], noise[name])
+    ]
 
 
 def better_in(replayed: Replayed) -> dict[str, int]:
@@ -60,7 +90,8 @@ def better_in(replayed: Replayed) -> dict[str, int]:
 def _late(run: RunData, step_s: float) -> tuple[int, float]:
     """Whole steps of `step_s`, and seconds, of the delay that the run found at its own rate."""
     steps, (late_s, _) = (run.result[key] for key in ("latency_steps", "readings_late_s"))
-    if (own_s := run.replay["step_s"]) == step_s:
+    own_s = run.replay.get("step_s") or run.result["step_s"]
+    if own_s == step_s:
         return steps, late_s
     total_s = steps * own_s + late_s
     whole = max(0, round(total_s / step_s))
@@ -68,13 +99,16 @@ def _late(run: RunData, step_s: float) -> tuple[int, float]:
 
 
 def _open(run: RunData, task: Task, recordings: Path) -> RecordedReal:
-    """All episodes, with the run's other options; readings only."""
+    """All episodes, with the run's other options; readings only.
+
+    Of the sensors that the run looked at, or else of all.
+    """
     options = {f.name: run.config[f.name] for f in fields(TuneConfig) if f.name in run.config}
     options |= {"out": run.path, "real": str(recordings), "leave_out": None}
     config = TuneConfig(**options)
     names = tuple(sensor.name for sensor in task.sensors)
-    asked = config.observed
-    if asked is not None and "joints" not in asked:
-        names = tuple(name for name in names if name in asked)
+    asked = set(config.observed or ())
+    if "joints" not in asked:
+        names = tuple(name for name in names if name in asked) or names
     seen = observed(task, names, is_simulated=False)
     return RecordedReal(open_recordings(recordings, task, config, _SMALLEST_PX, seen), seen)

@@ -3,10 +3,11 @@
 from typing import Any
 
 from simtune.columns import aligned, counted
+from simtune.recordings.source import short
 
 
 def table(result: dict[str, Any]) -> list[str]:
-    """A table in lines of plain text, and a line if tuning made a reading's replay worse."""
+    """A table in lines of plain text, and what is to be said of it."""
     sensors, episodes = result["sensors"], result["episodes"]
     head = ("reading", "before", "after", "", "better in")
     rows = [head, *(_cells(name, its, episodes) for name, its in sensors.items())]
@@ -15,6 +16,19 @@ def table(result: dict[str, Any]) -> list[str]:
         "before and after tuning:",
         *aligned(rows, left=[0]),
     ]
+    if unknown := result.get("no_offset"):
+        lines.append(
+            f"note: the run looked at no readings, so it knows no offset of {short(unknown)}: 0 is "
+            "assumed"
+        )
+    if far := result.get("far_off"):
+        worst = max(far, key=lambda name: sensors[name]["rms"] / sensors[name]["rms_tuned_to"])
+        its = sensors[worst]
+        lines.append(
+            "warning: far more is left than of the recordings that the run was tuned to "
+            f"({worst}: {its['rms']:.3g} {its['unit']} instead of {its['rms_tuned_to']:.3g}); are "
+            "these of the same robot, with the same columns, in the same order and units?"
+        )
     if worse := [name for name, its in sensors.items() if its["rms"] > its["rms_before"]]:
         lines.append(
             f"warning: after tuning, {', '.join(worse)} is further off than before on these "

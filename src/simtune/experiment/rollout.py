@@ -1,7 +1,6 @@
 """Episodes of simulated worlds in which a policy acts."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from mujoco.batch import Batch
@@ -24,8 +23,8 @@ from simtune.vision.keypoints import Keypoints
 Policy = Callable[[Observation], np.ndarray]  # (n, A) actions in [−1, 1]
 
 
-class Environment:
-    """A task's worlds: parameters and a policy in, whole episodes out.
+class PolicyWorlds:
+    """Where a task's policy acts: parameters and a policy in, whole episodes out.
 
     An episode ends only by its time, so that values may be bootstrapped there, or by diverging
     physics: such a world ends as a failure, one step earlier.
@@ -54,14 +53,14 @@ class Environment:
         self.num_stacked, self.keypoints = num_stacked, keypoints
         self.gap, self.most_late, self._observation = gap, most_late, observation
         self._space, joint = simulator.state_space, simulator.model.joint
-        self.lowest_reward = 0.0  # of any live step so far, or 0
+        self._lowest_reward = 0.0  # of any live step that counts, or 0
         self._free = [joint(name).qposadr[0] for name in task.free_joints]
         self._turning = [joint(name).qposadr[0] for name in task.symmetric_hinges]
         self._turns = list(task.symmetric_hinges.values())
 
     @property
     def num_states(self) -> int:
-        """D, the length of an `Observation`'s states."""
+        """D, the length of an `Observation`'s state: F features, and actions still under way."""
         own = len(self._space.features(np.zeros(self._space.nq + self._space.nv)))
         return own + self.most_late * self.simulator.num_actions
 
@@ -72,9 +71,9 @@ class Environment:
         return self.num_states - late - self._space.nv
 
     def observe(self, full_states: np.ndarray) -> np.ndarray:
-        """(..., S) to (..., D): positions and velocities, without irrelevant ones.
+        """(..., S) to (..., F): positions and velocities, without irrelevant ones.
 
-        Without the actions that are still to come, which MuJoCo's state does not contain.
+        Without the actions that are still under way, which MuJoCo's state does not contain.
         """
         known = self._space.positions_and_velocities(full_states).copy()
         known[..., self._free] = 0
@@ -88,12 +87,14 @@ class Environment:
         rng: np.random.Generator,
         film: bool = True,
         delay_steps: int | None = None,
+        *,
+        counts: bool = True,
     ) -> Episodes:
         """An episode in each of n worlds of (n, N) parameters; without `film` nothing is drawn.
 
         Actions take effect `delay_steps` late, by default the gap's; those of the episodes are the
-        policy's. Raises RuntimeError if the policy's actions, or rewards of live worlds, are not
-        finite.
+        policy's. Unless it `counts`, neither simulated steps nor the lowest reward are noted.
+        Raises RuntimeError if the policy's actions, or rewards of live worlds, are not finite.
         """
         simulator, num_steps = self.simulator, self.task.episode_steps
         if delay_steps is None:
@@ -119,20 +120,21 @@ class Environment:
             rng,
             observe=lambda batch: self._observe_batch(batch, keypoints),
             observations_per_step=self.task.action_repeat,
+            counts=counts,
         )
         if stacker:
             stacker.draw(num_steps, rollouts.states[:, -1])
         frames = stacker.frames if stacker else None
-        return self._episodes(rollouts, actions, frames, keypoints, stray)
+        rewards = self._rewards(rollouts, counts)
+        return self._episodes(rollouts, rewards, actions, frames, keypoints, stray)
 
-    @contextmanager
-    def uncounted(self) -> Iterator[None]:
-        """What is played inside counts neither as simulated steps nor for `lowest_reward`."""
-        lowest_reward, num_steps = self.lowest_reward, self.simulator.num_steps
-        try:
-            yield
-        finally:
-            self.lowest_reward, self.simulator.num_steps = lowest_reward, num_steps
+    def state(self) -> dict[str, float]:
+        """JSON of what earlier episodes left, by which failures are charged."""
+        return {"lowest_reward": self._lowest_reward}
+
+    def load(self, state: Mapping[str, float]) -> None:
+        """Charge failures as what had this `state` would."""
+        self._lowest_reward = state["lowest_reward"]
 
     def _stacker(
         self, parameters: np.ndarray, rng: np.random.Generator
@@ -157,9 +159,24 @@ class Environment:
         rated = np.stack([self._reward(batch), *goals], 1)
         return np.hstack([rated, keypoints.observe(batch)]) if keypoints else rated
 
+    def _rewards(self, rollouts: Rollouts, counts: bool) -> np.ndarray:
+        """(n, T), with failures charged, of n worlds from their `_observe_batch`."""
+        n, num_steps, _ = rollouts.actions.shape
+        of_parts = rollouts.observed[:, 1:, 0].reshape(n, num_steps, self.task.action_repeat)
+        rewards = of_parts.sum(2)
+        is_over = np.arange(num_steps) >= rollouts.lengths[:, None]
+        if not np.isfinite(rewards[~is_over]).all():
+            raise RuntimeError(f"the reward of {self.task.name} is no finite number everywhere")
+        lowest = min(self._lowest_reward, float(rewards[~is_over].min(initial=0.0)))
+        if counts:
+            self._lowest_reward = lowest
+        _charge_failures(rewards, is_over, lowest)
+        return rewards
+
     def _episodes(
         self,
         rollouts: Rollouts,
+        rewards: np.ndarray,
         actions: np.ndarray,
         frames: np.ndarray | None,
         keypoints: Keypoints | None,
@@ -168,12 +185,6 @@ class Environment:
         """Of n worlds, from their `_observe_batch`; (n, T, A) actions in [−1, 1]."""
         n, num_steps, _ = actions.shape
         repeat, num_goals = self.task.action_repeat, len(self.task.goals)
-        rewards = rollouts.observed[:, 1:, 0].reshape(n, num_steps, repeat).sum(2)
-        is_over = np.arange(num_steps) >= rollouts.lengths[:, None]
-        if not np.isfinite(rewards[~is_over]).all():
-            raise RuntimeError(f"the reward of {self.task.name} is no finite number everywhere")
-        self.lowest_reward = min(self.lowest_reward, float(rewards[~is_over].min(initial=0.0)))
-        _charge_failures(rewards, is_over, self.lowest_reward)
         is_whole = rollouts.lengths == num_steps
         seen = rollouts.observed[:, ::repeat, 1 + num_goals :].astype(np.float32)
         since = min(self.task.goal_steps or num_steps, num_steps) * repeat

@@ -24,7 +24,7 @@ class Schedule:
         return self.pretrain_steps + sum(self.policy_steps)
 
     @property
-    def first_tried(self) -> int:
+    def steps_before_trial(self) -> int:
         """Policy steps before the policy's first trial in the real world."""
         return self.pretrain_steps or self.policy_steps[0]
 

@@ -13,14 +13,14 @@ from simtune.devices import choose_device
 from simtune.experiment.experiment import Experiment, build_search
 from simtune.experiment.presets import choose_schedule, choose_search
 from simtune.experiment.problem import build_problem
-from simtune.experiment.rollout import Environment
+from simtune.experiment.rollout import PolicyWorlds
 from simtune.experiment.schedule import Schedule
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_parts import (
     agent_of,
     declared_late_s,
-    environments_of,
     fixed_range_of,
+    policy_worlds_of,
     replay_of,
 )
 from simtune.networks.layers import under
@@ -37,8 +37,8 @@ class TrainingExperiment(Experiment):
     config: TrainConfig
     task: Task
     schedule: Schedule
-    environment: Environment
-    scored_in: Environment  # with the reality gap, if there is one
+    environment: PolicyWorlds
+    scored_in: PolicyWorlds  # with the reality gap, if there is one
     agent: Agent
     replay: Replay
     # Steps by which actions are late in the real world that a loaded policy was trained for
@@ -66,9 +66,8 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
-        self.scored_in.lowest_reward = self.environment.lowest_reward
-        with self.scored_in.uncounted():  # without a gap, it is where the policy is trained
-            played = self.scored_in.play(act, worlds, rng, True, self.late_steps)
+        self.scored_in.load(self.environment.state())  # without a gap, they are the same
+        played = self.scored_in.play(act, worlds, rng, delay_steps=self.late_steps, counts=False)
         assert played.frames is not None
         assert played.reached is not None
         scores = dict(zip(self.task.goals, played.reached.T, strict=True))
@@ -86,14 +85,15 @@ class TrainingExperiment(Experiment):
         simulator as it starts has none, and one with a parameter for the delay no other. A camera's
         declared lateness comes on top: searches see pictures that are put in time.
         """
-        most_late, late = self.environment.most_late, self.declared_late_steps
+        late = self.declared_late_steps
+        unknown = self.real.observation.unknown_latency_steps(self.simulator)
         if self.config.method == "oracle" and self.scored_in.gap:
             return self.scored_in.gap.delay_steps
-        if self.config.method != "untuned" and most_late and not self.space.is_delay.any():
-            any_number = int(rng.integers(self.real.observation.max_latency_steps + 1))
+        if self.config.method != "untuned" and unknown:
+            any_number = int(rng.integers(unknown + 1))
             late += any_number if estimated is None else estimated
         whole, part = divmod(max(0.0, late), 1)
-        return min(int(whole) + int(part > 0 and rng.random() < part), most_late)
+        return min(int(whole) + int(part > 0 and rng.random() < part), self.environment.most_late)
 
     def policy_warnings(self, num_skipped: int) -> list[str]:
         """Possible problems of the policy, which was too late for `num_skipped` real trials."""
@@ -106,6 +106,9 @@ class TrainingExperiment(Experiment):
             ]
         return []
 
+    def state(self) -> dict[str, Any]:
+        return {**super().state(), "policy_worlds": self.environment.state()}
+
     def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
         super().load(tensors, state)
         self.load_agent(tensors, state)
@@ -113,8 +116,9 @@ class TrainingExperiment(Experiment):
         self.replay.load(under("replay/", tensors), state["replay"], film)
 
     def load_agent(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
-        """The agent alone, to act as it did."""
+        """To act as it did, and to be scored by the rewards of its training."""
         self.agent.load(under("agent/", tensors), state["agent"])
+        self.environment.load(state["policy_worlds"])
 
     def _changing(self) -> dict[str, Any]:
         return {**super()._changing(), "agent": self.agent, "replay": self.replay}
@@ -145,7 +149,7 @@ def build_training(
     if problem.recordings:  # without a requested number there may be fewer than usual
         later = schedule.real_episodes[1:]
         schedule = replace(schedule, real_episodes=(len(problem.recordings), *later))
-    environment, scored_in = environments_of(config, schedule, task, problem)
+    environment, scored_in = policy_worlds_of(config, schedule, task, problem)
     agent = agent_of(config, settings, schedule, environment, problem, device)
     if not agent.needs_keypoints:
         environment.keypoints = None  # finding them in each step takes time

@@ -1,4 +1,4 @@
-"""What a training has beside its search: environments, the agent, its replay."""
+"""What a training has beside its search: worlds for the policy, the agent, its replay."""
 
 import math
 
@@ -6,7 +6,7 @@ from simtune.agents import Agent, AgentSpec
 from simtune.config import TrainConfig
 from simtune.experiment.presets import choose_agent, choose_range
 from simtune.experiment.problem import TuningProblem
-from simtune.experiment.rollout import Environment
+from simtune.experiment.rollout import PolicyWorlds
 from simtune.experiment.schedule import Schedule
 from simtune.experiment.settings import Settings
 from simtune.randomization import Distribution
@@ -21,14 +21,14 @@ from simtune.vision.keypoints import Keypoints
 _ROUNDED = 1e-6  # steps
 
 
-def environments_of(
+def policy_worlds_of(
     config: TrainConfig, schedule: Schedule, task: Task, problem: TuningProblem
-) -> tuple[Environment, Environment]:
+) -> tuple[PolicyWorlds, PolicyWorlds]:
     """Where the policy learns, and where it is scored: with the reality gap, if there is one."""
     assert isinstance(problem.simulator, Simulator), "load_task gives models' only"
     assert isinstance(problem.keypoints, Keypoints)
     most_late, seen = _most_late(problem), problem.real.observation
-    environment = Environment(
+    learnt_in = PolicyWorlds(
         task,
         problem.simulator,
         schedule.num_stacked,
@@ -38,10 +38,10 @@ def environments_of(
     )
     gap = RealityGap.of(config, schedule.image_size)
     if not gap:
-        return environment, environment
+        return learnt_in, learnt_in
     simulator = gap.simulator(task, seen.views())
-    scored_in = Environment(task, simulator, schedule.num_stacked, gap=gap, most_late=most_late)
-    return environment, scored_in
+    scored_in = PolicyWorlds(task, simulator, schedule.num_stacked, gap=gap, most_late=most_late)
+    return learnt_in, scored_in
 
 
 def _most_late(problem: TuningProblem) -> int:
@@ -53,10 +53,9 @@ def _most_late(problem: TuningProblem) -> int:
     declared = math.ceil(declared_late_s(problem) / step_s - _ROUNDED)
     if space.is_delay.any():
         return declared + math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
-    if not seen.max_latency_steps:
-        return declared
-    by_readings = most_delayed(step_s) if seen.sensors else 0
-    return declared + by_readings + seen.max_latency_steps
+    unknown = seen.unknown_latency_steps(problem.simulator)
+    by_readings = most_delayed(step_s) if unknown and seen.sensors else 0
+    return declared + by_readings + unknown
 
 
 def declared_late_s(problem: TuningProblem) -> float:
@@ -83,24 +82,24 @@ def agent_of(
     config: TrainConfig,
     settings: Settings,
     schedule: Schedule,
-    environment: Environment,
+    learnt_in: PolicyWorlds,
     problem: TuningProblem,
     device: str,
 ) -> Agent:
-    assert environment.keypoints is not None, "given above"
+    assert learnt_in.keypoints is not None, "given above"
     spec = AgentSpec(
         image_size=schedule.image_size,
         num_stacked=schedule.num_stacked,
-        num_keypoints=len(environment.keypoints),
-        num_states=environment.num_states,
-        num_positions=environment.num_positions,
-        num_actions=environment.simulator.num_actions,
-        most_late=environment.most_late,
+        num_keypoints=len(learnt_in.keypoints),
+        num_states=learnt_in.num_states,
+        num_positions=learnt_in.num_positions,
+        num_actions=learnt_in.simulator.num_actions,
+        most_late=learnt_in.most_late,
         image_noise=problem.real.observation.image_noise,
-        privileged=~environment.task.parameters.is_appearance,
+        privileged=~learnt_in.task.parameters.is_appearance,
         total_steps=schedule.total_steps,
-        first_tried=schedule.first_tried,
-        round_steps=schedule.num_worlds * environment.task.episode_steps,
+        steps_before_trial=schedule.steps_before_trial,
+        steps_between_updates=schedule.num_worlds * learnt_in.task.episode_steps,
         seed=config.seed,
         device=device,
     )

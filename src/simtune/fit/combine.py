@@ -106,35 +106,58 @@ def combine(
     num, size = slope.shape[1] - len(common), slope.shape[1]
     if not num:
         return Combined(np.zeros(size), np.eye(size), np.zeros((0, 0)), variance)
-    eye, is_parameter = np.eye(size), np.arange(size) < num
+    is_parameter = np.arange(size) < num
     between = variance * is_parameter  # (P + Q,)
     prior = np.where(is_parameter, 0.0, COMMON_STD**-2)
     surprise = _surprise(information[:, :num, :num], slope[:, :num], variance)
     count = trust * (_STUDENT + 1) / (_STUDENT + surprise)  # (W,)
-    shrink = np.linalg.inv(eye + between[:, None] * information)  # (W, P + Q, P + Q)
+    shrink = np.linalg.inv(np.eye(size) + between[:, None] * information)  # (W, P + Q, P + Q)
     weighted = count[:, None, None] * (information @ shrink)
     slopes = count[:, None] * np.einsum("wqp,wq->wp", shrink, slope)
     total = slopes.sum(0) + prior * np.concatenate([np.zeros(num), common])
+    return Combined(
+        total,
+        weighted.sum(0) + np.diag(prior),
+        _covariance(weighted, slopes, total, prior, surprise),
+        _next_variance(information[:, :num, :num], surprise, variance),
+    )
+
+
+def _covariance(
+    weighted: np.ndarray,
+    slopes: np.ndarray,
+    total: np.ndarray,
+    prior: np.ndarray,
+    surprise: np.ndarray,
+) -> np.ndarray:
+    """(P, P) of the parameters, from (W, P + Q, P + Q) and (W, P + Q) terms of `combine`'s sums.
+
+    `total`: (P + Q,) their slopes with the prior's; `prior`: (P + Q,) its information.
+    """
+    num, size = int((prior == 0).sum()), len(prior)
     by_data = weighted.sum(0)
-    whole = by_data + np.diag(prior)
-    inverse = np.linalg.inv(whole + _RIDGE * eye)
+    inverse = np.linalg.inv(by_data + np.diag(prior) + _RIDGE * np.eye(size))
     deviations = slopes - weighted @ (inverse @ total)
     # Degrees of freedom used by the fit; a common error uses the share that its data, not its
     # prior, determines.
-    found = num + len(common) - (prior * np.diag(inverse)).sum()
+    found = size - (prior * np.diag(inverse)).sum()
     shares = np.einsum("pq,wqr,rp->wp", inverse, weighted, inverse, optimize=True)
     few, claim = _corrections(shares, found)
     scatter = inverse @ (deviations.T @ deviations) @ inverse
     covariance = few * scatter / _softness(surprise, weighted[:, :num, :num]) ** 2
     covariance += claim * (inverse @ by_data @ inverse)
     covariance += inverse @ np.diag(prior + _RIDGE) @ inverse
-    informative = np.trace(information[:, :num, :num], axis1=1, axis2=2) * variance > 1
+    return covariance[:num, :num]
+
+
+def _next_variance(information: np.ndarray, surprise: np.ndarray, variance: float) -> float:
+    """τ² after a step towards what W experiments with (W, P, P) information show."""
+    informative = np.trace(information, axis1=1, axis2=2) * variance > 1
     if informative.sum() >= _FEWEST_INFORMATIVE:
-        usual = _CHI2_MEDIAN if num > 1 else _CHI2_MEDIAN_OF_ONE
+        usual = _CHI2_MEDIAN if information.shape[-1] > 1 else _CHI2_MEDIAN_OF_ONE
         too_small = np.median(surprise[informative]) > usual
         variance *= _VARIANCE_STEP if too_small else 1 / _VARIANCE_STEP
-    variance = float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
-    return Combined(total, whole, covariance[:num, :num], variance)
+    return float(np.clip(variance, _SMALLEST_VARIANCE, _LARGEST_VARIANCE))
 
 
 def _softness(surprise: np.ndarray, weighted: np.ndarray) -> float:

@@ -14,6 +14,17 @@ class NormalEquations(NamedTuple):
     information: np.ndarray  # (W, P, P) B − Cᵀ H⁻¹ C, on the shared unknowns
     shared_gradient: np.ndarray  # (W, P) b − Cᵀ H⁻¹ g
 
+    def by_group(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(G, P, P) information and (G, P) gradients, summed over experiments of a `number`, (W,).
+
+        Groups are in the order of their numbers.
+        """
+        groups = np.unique(number)[:, None] == number  # (G, W)
+        return (
+            np.einsum("gw,wpq->gpq", groups, self.information),
+            np.einsum("gw,wp->gp", groups, self.shared_gradient),
+        )
+
     def promised(self, information: np.ndarray, gradient: np.ndarray) -> float:
         """Decrease of the cost in a full linear step of own and shared unknowns.
 

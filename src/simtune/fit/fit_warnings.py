@@ -47,7 +47,7 @@ def lateness_warning(what: str, late_s: float, std: float) -> list[str]:
     when = "later" if late_s > 0 else "sooner"
     return [
         f"The {what} seem to come {1e3 * abs(late_s):.0f} ms {when} than the recordings say "
-        f"(± {1e3 * std:.1f} ms); the estimates allow for it."
+        f"(± {1e3 * std:.1g} ms); the estimates allow for it."
     ]
 
 

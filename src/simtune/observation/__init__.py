@@ -10,12 +10,12 @@ from simtune.observation.joint_readings import JointReadings
 from simtune.observation.joints import (
     JointSensor,
     advanced,
+    assumed_noise,
     declared_noise,
     finds_offset,
     joints_of,
     measured_places,
     units_of,
-    usual_noise,
 )
 from simtune.observation.model import Camera, ObservationModel
 from simtune.observation.sensor import Sensor
@@ -29,10 +29,10 @@ __all__ = [
     "ObservationModel",
     "Sensor",
     "advanced",
+    "assumed_noise",
     "declared_noise",
     "finds_offset",
     "joints_of",
     "measured_places",
     "units_of",
-    "usual_noise",
 ]

@@ -1,7 +1,7 @@
 """Encoders: positions or velocities of joints, in the units in which they were recorded."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,9 @@ class JointSensor:
     columns: tuple[str, ...]  # (D,) in recordings, or one that stands for all
     joints: tuple[str, ...]  # (D,)
     places: np.ndarray  # (D,) indices into a state's positions, or velocities
-    # (D,) the same for the joints' backlash, -1: none; it adds to the reading
-    plays: np.ndarray | None = None
+    # (G,) readings behind a joint's backlash, which adds to them, and (G,) the same indices for it
+    geared: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    play_places: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     is_velocity: bool = False
     unit: str = "rad"  # of readings in a fit; one for all
     # (D,) recorded = `shift` + `factor` · reading
@@ -100,7 +101,8 @@ class JointSensor:
         """(n, D) of n simulated worlds."""
         values = batch.qvel if self.is_velocity else batch.qpos
         read = values[:, self.places]
-        return read if self.plays is None else read + values[:, self.plays] * (self.plays >= 0)
+        read[:, self.geared] += values[:, self.play_places]
+        return read
 
     def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """(..., D) readings with noise."""
@@ -149,7 +151,7 @@ def units_of(sensors: Sequence[JointSensor]) -> tuple[str, ...]:
     return tuple(sensor.unit for sensor in sensors for _ in sensor.joints)
 
 
-def usual_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
+def assumed_noise(sensors: Sequence[JointSensor]) -> np.ndarray:
     """(D,) standard deviations of all readings, declared or usual."""
     return np.concatenate([np.full(sensor.size, sensor.noise_or_usual) for sensor in sensors])
 

@@ -55,7 +55,9 @@ def record(
         # OpenGL should look unlike the simulator, so it draws all that it can.
         quality=OPENGL_DM_CONTROL,
     )
-    rng, world, num_steps = np.random.default_rng(config.seed), parameters[None], task.episode_steps
+    rng = np.random.default_rng(config.seed)
+    world = parameters[None]
+    num_steps = task.episode_steps
     seen = observed(replace(task, looks_at=None), None, is_simulated=True)  # all there is
 
     def play() -> Rollouts:

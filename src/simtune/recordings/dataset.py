@@ -154,6 +154,11 @@ class Dataset:
                 for name, its in zip(self.episodes, seen, strict=False)
                 if its.unused_s
             },
+            "unfilmed": {
+                name: its.unfilmed
+                for name, its in zip(self.episodes, seen, strict=False)
+                if its.unfilmed
+            },
             "readings": {
                 sensor: [reading.full_name for reading in readings]
                 for sensor, readings in self._sensors.items()
@@ -173,6 +178,8 @@ class Dataset:
         rows = self._source.rows(index, asked)
         if self._own_rate:
             check_rate(where, rows, self.step_s)
+        if self._film:
+            rows = self._film.seen_rows(index, self._source, rows)
         all_periods = self._of_all(periods)
         rows = replace(
             rows,
@@ -180,7 +187,6 @@ class Dataset:
             actions=commands_counted_on(
                 rows.actions[:, self._columns], rows.readings, self._turnings
             ),
-            until_s=self._film.until_s(index, self._source, rows) if self._film else rows.until_s,
             # Before resampling: on a line across the jump, an encoder would turn back.
             readings=counted_on(rows.readings, all_periods),
         )
@@ -225,4 +231,5 @@ class Dataset:
             pictures=pictures,
             gaps_s=steps.gaps_s,
             unused_s=steps.unused_s,
+            unfilmed=steps.unfilmed,
         )

@@ -65,10 +65,11 @@ class EpisodeArrays:
     def width(self, key: str) -> int:
         """Readings in a row of an array; 0: it cannot hold any.
 
-        1 if it is beyond the limits of a table: only reading it raises the error.
+        1 if it has more axes than a table or is beyond its limits: only reading it raises the
+        error.
         """
         array = self._seen(key)
-        if array.dtype.kind not in "fiu" or array.ndim not in (1, 2):
+        if array.dtype.kind not in "fiu" or not array.ndim:
             return 0
         return math.prod(array.shape[1:]) if _is_table(array) else 1
 
@@ -118,6 +119,12 @@ def _is_table(array: np.ndarray) -> bool:
 def check_episode(name: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Raises InputError, which begins with `name`, if arrays cannot be those of an episode."""
     episode = EpisodeArrays(Path(name), arrays)
+    for key in arrays:
+        if not isinstance(key, str) or key == "file":
+            raise InputError(
+                f"{name}: expected texts as names of arrays, except 'file', which numpy.savez does "
+                f"not take; got {key!r:.60}"
+            )
     episode.hz()
     episode.action_names()
     if not np.isfinite(episode.table("actions")).all():

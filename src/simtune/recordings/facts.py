@@ -23,6 +23,7 @@ class Seen:
     pictures: Sequence[SeenPictures]  # of each camera; empty if no pictures were read
     gaps_s: Sequence[tuple[float, float]]  # start and end of each, see `find_gaps`
     unused_s: float  # for which the pictures go on after the last action
+    unfilmed: int  # last rows for which a video has no frame
 
 
 def action_ranges(seen: Sequence[Seen], names: Sequence[str]) -> dict[str, list[float]]:

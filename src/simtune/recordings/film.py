@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,16 +36,16 @@ class Film:
         """All files that the content depends on."""
         return sorted({path for source, _ in self._shots for path in source.files})
 
-    def until_s(self, episode: int, read: Source, rows: Rows) -> float:
-        """Seconds up to which every camera shows an episode; what comes later is not seen.
+    def seen_rows(self, episode: int, read: Source, rows: Rows) -> Rows:
+        """The same rows, up to when every camera shows the episode; what comes later is not seen.
 
         `rows` were read from the source `read`, and are not read again.
         Raises InputError if a camera's pictures do not fit the episode.
         """
-        return min(
-            (rows if source is read else source.rows(episode)).until_s - footage.latency_s
-            for source, footage in self._shots
-        )
+        of_each = [rows if source is read else source.rows(episode) for source, _ in self._shots]
+        both = zip(of_each, self._shots, strict=True)
+        until_s = min(its.until_s - footage.latency_s for its, (_, footage) in both)
+        return replace(rows, until_s=until_s, unfilmed=max(its.unfilmed for its in of_each))
 
     @functools.cached_property
     def _sizes(self) -> list[tuple[int, int]]:

@@ -109,7 +109,8 @@ def step_readings(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     lacks there is then another clock's row, not a measurement. At another rate than the rows', an
     encoder may be slower than steps, too, and whether these fall on rows is chance.
     """
-    own_s, row_s, step_s = rows.times_s, typical_step_s(rows.times_s), times_s[1] - times_s[0]
+    own_s, step_s = rows.times_s, times_s[1] - times_s[0]
+    row_s = typical_step_s(own_s)
     after = np.searchsorted(own_s, times_s).clip(1, len(own_s) - 1)
     before_s, after_s = own_s[after - 1], own_s[after]
     is_own_rate = _is_same(row_s, step_s)

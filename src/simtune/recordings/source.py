@@ -49,6 +49,7 @@ class Rows:
     readings: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     lines: Lines | None = None  # None: not read from a text file
     unused_s: float = 0.0  # for which the pictures go on after the last action
+    unfilmed: int = 0  # last rows for which a video has no frame
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -89,6 +90,7 @@ MOST_ROWS = 100_000  # of an episode: an hour at 30 Hz
 MOST_ACTIONS = 1_000
 _MOST_NAMES = 12  # in a message, so that it stays one line
 LEAST_FPS, MOST_FPS = 0.01, 1_000
+MOST_UNFILMED = 2  # last rows of an episode that recorders lose: they stop the camera first
 
 
 def is_rate(fps: object) -> TypeGuard[int | float]:

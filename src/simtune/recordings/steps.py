@@ -22,6 +22,7 @@ class Steps:
     readings: Mapping[str, np.ndarray]  # {sensor: (K + 1, D) float64}
     gaps_s: Sequence[tuple[float, float]]  # in which an action is held since rows are missing
     unused_s: float  # for which the pictures go on after the last action
+    unfilmed: int  # last rows for which a video has no frame
 
 
 def make_steps(
@@ -54,7 +55,7 @@ def make_steps(
     actions = step_actions(rows, times_s).astype(np.float32)
     gaps_s = find_gaps(rows.times_s) if actions.shape[1] else []
     readings = _by_sensor(where, rows, times_s, sensors)
-    return Steps(times_s, actions, readings, gaps_s, rows.unused_s)
+    return Steps(times_s, actions, readings, gaps_s, rows.unused_s, rows.unfilmed)
 
 
 def _without_last(rows: Rows) -> Rows:

@@ -20,12 +20,12 @@ from simtune.errors import InputError
 
 # swscale's default conversion from YUV to RGB rounds down (colours are 1 of 255 too dark) and does
 # not smooth chroma. This one halves the error at the same speed; PyAV before 18 does not have it.
-_TO_RGB: dict[str, Any] = {"format": "rgb24", "interpolation": "BICUBIC"}
+TO_RGB: dict[str, Any] = {"format": "rgb24", "interpolation": "BICUBIC"}
 if hasattr(Interpolation, "ACCURATE_RND"):
-    _TO_RGB["interpolation"] = (
+    TO_RGB["interpolation"] = (
         Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
     )
-    _TO_RGB["threads"] = 1
+    TO_RGB["threads"] = 1
 
 # 8K. A decoder holds a dozen pictures, of whatever size the file claims.
 MOST_PIXELS = 7680 * 4320
@@ -124,7 +124,7 @@ class _Shown(NamedTuple):
         """(H, W, 3) uint8 as a player shows it: square pixels, turned as a phone was held."""
         width = _square(self.frame.width, self.pixel_aspect)
         # One thread: otherwise swscale starts new ones for each frame, and takes ten times longer.
-        pixels = self.frame.to_ndarray(width=width, **_TO_RGB)
+        pixels = self.frame.to_ndarray(width=width, **TO_RGB)
         return as_shown(pixels, self.frame)
 
 

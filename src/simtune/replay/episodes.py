@@ -16,7 +16,9 @@ class Episodes:
 
     parameters: np.ndarray  # (n, N) of each episode's world, in their units
     full_states: np.ndarray  # (n, T + 1, S) float64, from which frames can be drawn again
-    states: np.ndarray  # (n, T + 1, D) float32, of `rollout.Environment.observe`
+    # (n, T + 1, D) float32: F features, then the latest actions that are still under way, newest
+    # first
+    states: np.ndarray
     actions: np.ndarray  # (n, T, A) float32 in [−1, 1]
     rewards: np.ndarray  # (n, T) float32
     lengths: np.ndarray  # (n,) int, number of valid steps: less than T if the physics diverged

@@ -12,7 +12,9 @@ from simtune.replay.store import EpisodeStore
 class Transitions:
     """B single steps, drawn from all stored episodes."""
 
-    states: torch.Tensor  # (B, D) float32 of `Environment.observe`: known in simulation only
+    # (B, D) float32, known in simulation only: F features, then the latest actions that are still
+    # under way, newest first
+    states: torch.Tensor
     actions: torch.Tensor  # (B, A) float32 in [−1, 1]
     rewards: torch.Tensor  # (B,) float32
     discounts: torch.Tensor  # (B,) float32: 0 if the step ended the task, else 1

@@ -164,6 +164,20 @@ class RunData:
         return {name: facts for name, facts in known.items() if isinstance(facts, dict)}
 
     @property
+    def not_looked_at(self) -> list[str]:
+        """Names of parameters that show in pictures only, of a run that used none."""
+        if self.has_pictures:
+            return []
+        checked = self.object("check")
+        return [name for name in self.parameters if _is_appearance(checked.get(name))]
+
+    @property
+    def looked_at(self) -> dict[str, dict[str, Any]]:
+        """`parameters` without those."""
+        left_out = set(self.not_looked_at)
+        return {name: facts for name, facts in self.parameters.items() if name not in left_out}
+
+    @property
     def colours(self) -> list[str]:
         """Names NAME for which NAME_r, NAME_g and NAME_b are all parameters."""
         channels = [name for name, facts in self.parameters.items() if _is_of_colour(facts)]
@@ -189,6 +203,11 @@ class RunData:
         keys = ("round", *(f"{figure}/{name}" for figure in RoundEstimate._fields[1:]))
         rows: list[list[Any]] = [[line.get(key) for key in keys] for line in self.metrics]
         return [RoundEstimate(*row) for row in rows if all(map(is_number, row))]
+
+
+def _is_appearance(checked: object) -> bool:
+    """Whether `check` expects no precision of a parameter from motion."""
+    return isinstance(checked, dict) and not {"std", "std_percent"} & checked.keys()
 
 
 def _is_of_colour(facts: dict[str, Any]) -> bool:

@@ -86,6 +86,7 @@ def _environment() -> Environment:
     environment.globals |= {f.__name__: f for f in drawn} | {
         "interval_label": words.interval_label,
         "summary": words.summary,
+        "not_looked_at": words.not_looked_at,
         "holds_truth": trust.holds_truth,
         "num_holding": trust.num_holding,
         "reasons": expected_precision.reasons,

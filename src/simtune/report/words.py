@@ -1,11 +1,12 @@
 """Numbers and times as text: the templates' filters."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from markupsafe import Markup, escape
 
+from simtune.columns import counted
 from simtune.report.data import RunData
 from simtune.validate import is_number
 
@@ -98,6 +99,13 @@ def summary(run: RunData) -> str:
     trains = "policy_steps" in run.config
     begin = "A policy was trained while the simulator was" if trains else "The simulator was"
     return f"{begin} tuned{_SEARCHES.get(str(run.get('search')), '')} to {real}"
+
+
+def not_looked_at(names: Collection[str]) -> str:
+    """On parameters that only pictures show, of a run without any; empty if there are none."""
+    num = len(names)
+    shows = "shows" if num == 1 else "show"
+    return f"{counted(num, 'parameter')} {shows} in pictures only: not looked at" * bool(num)
 
 
 def duration(seconds: Any) -> str:

@@ -123,7 +123,7 @@ def play_worlds(
     NearlyAllDiverged if hardly any is left.
     """
     num_episodes, played = actions.shape[1], actions.astype(float)
-    if observation.max_latency_steps and not simulator.space.is_delay.any():
+    if observation.unknown_latency_steps(simulator):
         late = rng.random(len(actions)) < 0.5
         played[late] = delayed(played[late], 1)
     rollouts = _roll_out(

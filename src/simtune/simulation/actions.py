@@ -18,7 +18,7 @@ from mujoco.batch import Batch
 from simtune.errors import InputError, UnknownName
 from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.simulation.action_numbers import each, finite_range
-from simtune.simulation.servos import position_servos
+from simtune.simulation.servos import is_clipped, position_servos
 
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 
@@ -56,7 +56,8 @@ class DirectActions(ActionMapping):
         """
         ids, self.names = _actuators(model, actuators)
         self._controls = model.actuator_ctrladr[ids]
-        self.range, self.is_limited = _control_range(model, self._controls)
+        self.range, _ = _control_range(model, self._controls)
+        self.is_limited = is_clipped(model)[self._controls]
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`."""
@@ -82,24 +83,24 @@ class ScaledActions(ActionMapping):
         """
         ids, self.names = _actuators(model, actuators)
         self._controls = model.actuator_ctrladr[ids]
-        controls, limited = _control_range(model, self._controls)
+        controls, has_range = _control_range(model, self._controls)
+        self.is_limited = is_clipped(model)[self._controls]
         if gain is None:
-            if not limited.all():
-                name = self.names[limited.argmin()]
+            if not has_range.all():
+                name = self.names[has_range.argmin()]
                 raise InputError(f"{name} has no ctrlrange for the actions to cover: give a gain")
             self.range = finite_range(action_range, len(ids))
             self._gain = np.ptp(controls, axis=1) / np.ptp(self.range, axis=1)
             self._offset = controls[:, 0] - self._gain * self.range[:, 0]
-            self.is_limited = limited
         else:
             self._gain, self._offset = each("gain", gain, ids), each("offset", offset, ids)
             if not self._gain.all():
                 raise InputError("a gain of 0 moves nothing: leave that actuator out")
             covering = np.sort((controls - self._offset[:, None]) / self._gain[:, None], axis=1)
-            usual = np.where(limited[:, None], covering, [-1.0, 1.0])
+            usual = np.where(has_range[:, None], covering, [-1.0, 1.0])
             is_given = action_range is not None
             self.range = finite_range(action_range, len(ids)) if is_given else usual
-            self.is_limited = limited & (not is_given)
+            self.is_limited &= not is_given
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`."""
@@ -184,9 +185,9 @@ def _actuators(
 
 
 def _control_range(model: mujoco.MjModel, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(A, 2) of the controls, [−1, 1] without limits; (A,) whether there are limits."""
-    limited = np.asarray(model.actuator_ctrllimited, bool)[places]
-    return np.where(limited[:, None], model.actuator_ctrlrange[places], [-1.0, 1.0]), limited
+    """(A, 2) of the controls, [−1, 1] where the model has none; (A,) whether it has one."""
+    has_range = np.asarray(model.actuator_ctrllimited, bool)[places]
+    return np.where(has_range[:, None], model.actuator_ctrlrange[places], [-1.0, 1.0]), has_range
 
 
 def _among_others(batch: Batch, places: np.ndarray, controls: np.ndarray) -> np.ndarray:

@@ -18,15 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from simtune.cameras.pictures import middle_square, resize
+from simtune.cameras.pictures import BORDER_PX, middle_square, resize
 from simtune.cameras.views import View
 from simtune.errors import InputError, blame
 from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import ActionSpace
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.rendering.stray_light import StrayLight
-
-_BORDER_PX = 0.5  # points outside the picture are clipped so far inside, as `Keypoints` are
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class Points:
     def observe(self, points: np.ndarray) -> np.ndarray:
         """(n, all, 2) shares of the picture to (n, L · 2) float32 pixels; cf. `Keypoints`."""
         pixels = points[:, self.chosen] * self.image_size - 0.5
-        seen = np.clip(pixels, _BORDER_PX, self.image_size - 1 - _BORDER_PX)
+        seen = np.clip(pixels, BORDER_PX, self.image_size - 1 - BORDER_PX)
         return seen.astype(np.float32).reshape(len(points), -1)
 
     def select(self, indices: list[int]) -> "Points":

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.simulation.servos import position_servos
+from simtune.simulation.servos import control_limits, position_servos
 
 _DYN = mujoco.mjtDyn
 _FILTERS = (_DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
@@ -40,9 +40,8 @@ class HeldControls:
         # Whether what actuators remember also depends on the motion, or on where it began
         self.is_of_motion = bool((of_motion & (model.actuator_actnum > 0)).any())
         self.is_of_motion |= self.integrated.size > 0
-        limited = np.asarray(model.actuator_ctrllimited, bool)
-        self._low, self._high = np.full(model.nu, -np.inf), np.full(model.nu, np.inf)
-        self._low[limited], self._high[limited] = model.actuator_ctrlrange[limited].T
+        limits = [control_limits(model, control) for control in range(model.nu)]
+        self._low, self._high = np.array(limits).reshape(-1, 2).T
         self._model = model
 
     def holding(self, batch: Batch) -> np.ndarray:

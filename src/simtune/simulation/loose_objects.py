@@ -8,9 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from simtune.parameters.fields import OF_JOINTS
 from simtune.simulation.states import StateSpace
-from simtune.simulation.ties import joints_of_tendon, tied_bodies, with_tied
+from simtune.simulation.ties import joint_ties, joints_of_tendon, tied_bodies, with_tied
 
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
+_SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE.value, mujoco.mjtJoint.mjJNT_HINGE.value
 _BY_TENDON = mujoco.mjtTrn.mjTRN_TENDON.value
 _FAR = 2.0  # of the model's extent, from where it began
 _USUAL = 0.02, 0.98  # quantiles of places: an object that was flung away tells nothing
@@ -34,6 +35,22 @@ def passive_joints(model: mujoco.MjModel) -> np.ndarray:
         driven.update(joints_of_tendon(model, tendon))
     driven = with_tied(model, driven)
     return np.setdiff1d(np.arange(model.njnt), [*driven, *loose_joints(model)])
+
+
+def gliding_joints(model: mujoco.MjModel, measured: Sequence[int] = ()) -> np.ndarray:
+    """Joints of objects on two slides or more, such as a block that is pushed about a table.
+
+    In trees of their own that nothing drives, ties, springs or measures. `measured`: indices of
+    positions.
+    """
+    tree, kind = model.body_rootid[model.jnt_bodyid], model.jnt_type
+    is_held = ~np.isin(np.arange(model.njnt), passive_joints(model)) | (model.jnt_stiffness != 0)
+    is_held |= np.isin(model.jnt_qposadr, measured) | ~np.isin(kind, (_SLIDE, _HINGE))
+    ties = joint_ties(model)
+    is_held[[*model.eq_obj1id[ties], *model.eq_obj2id[ties]]] = True
+    held = [*tree[is_held], *model.body_rootid[list(tied_bodies(model))]]
+    slides = np.bincount(tree[kind == _SLIDE], minlength=model.nbody)
+    return np.flatnonzero((slides[tree] >= 2) & ~np.isin(tree, held))
 
 
 def loose_places(model: mujoco.MjModel) -> list[int]:

@@ -28,8 +28,14 @@ def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:
     return float(bias * per_length), float(gain * per_length)
 
 
+def is_clipped(model: mujoco.MjModel) -> np.ndarray:
+    """(nu,) bool: whether MuJoCo clips a control to its range."""
+    is_off = bool(model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL.value)
+    return np.asarray(model.actuator_ctrllimited, bool) & (not is_off)
+
+
 def control_limits(model: mujoco.MjModel, control: int) -> tuple[float, float]:
     """What MuJoCo clips a control to; infinite where it does not."""
-    limited = bool(model.actuator_ctrllimited[control])
-    low, high = model.actuator_ctrlrange[control] if limited else (-np.inf, np.inf)
+    clips = is_clipped(model)[control]
+    low, high = model.actuator_ctrlrange[control] if clips else (-np.inf, np.inf)
     return float(low), float(high)

@@ -27,12 +27,19 @@ class Simulator(AnySimulator):
         """Raises InputError for what `Filming` or the scene's action mapping refuses."""
         self.num_substeps = count_substeps(scene.step_s, scene.model.opt.timestep)
         self.model = _with_timestep(scene.model, scene.step_s / self.num_substeps)
-        self.space, self.step_s, self.script = scene.space, scene.step_s, scene.script
-        self.image_size, self.supersampling = drawing.image_size, drawing.supersampling
-        self.views, self._filming = drawing.views, Filming(self.model, scene.space, drawing)
-        self._mapping, self._state_space = scene.map_actions(self.model), StateSpace(self.model)
-        self._initialize, self.held = scene.initialize, HeldControls(self.model)
+        self.space = scene.space
+        self.step_s = scene.step_s
+        self.script = scene.script
+        self.image_size = drawing.image_size
+        self.supersampling = drawing.supersampling
+        self.views = drawing.views
+        self.held = HeldControls(self.model)
+        self._filming = Filming(self.model, scene.space, drawing)
+        self._mapping = scene.map_actions(self.model)
+        self._state_space = StateSpace(self.model)
+        self._initialize = scene.initialize
         self._worlds: dict[int, Worlds] = {}
+        self._counting: AnySimulator = self  # where steps are counted
 
     @property
     def action_mapping(self) -> ActionMapping:
@@ -55,6 +62,7 @@ class Simulator(AnySimulator):
         observe: Observe | None = None,
         observations_per_step: int = 1,
         is_beginning: bool | None = None,
+        counts: bool = True,
     ) -> Rollouts:
         """Act in n worlds of (n, N) parameters, each from its own start; not reentrant.
 
@@ -62,7 +70,8 @@ class Simulator(AnySimulator):
         (n, D), is called in the first state, and `observations_per_step` times within each step.
         `is_beginning`: an episode begins, before which servos held their first control; by default
         true for the task's own starts, while given ones include what actuators remember. Worlds
-        that diverge are counted in `num_diverged`, and stay where their physics stopped.
+        that diverge are counted in `num_diverged`, and stay where their physics stopped. Steps are
+        counted in `num_steps` if it `counts`.
         """
         n = len(parameters)
         observe = observe or _nothing
@@ -85,9 +94,17 @@ class Simulator(AnySimulator):
                 observed.append(observe(worlds.batch))
             states[:, t + 1] = worlds.state
             lengths += worlds.alive
-        self.num_diverged += int((lengths < num_steps).sum())
-        self.num_steps += n * num_steps
+        self._counting.num_diverged += int((lengths < num_steps).sum())
+        self._counting.num_steps += n * num_steps * counts
         return Rollouts(parameters, states, actions, lengths, np.stack(observed, 1), np.arange(n))
+
+    def without_contacts(self, bodies: np.ndarray) -> "Simulator":
+        """The same, in which (nbody,) bool bodies touch nothing; its steps are counted here."""
+        other = copy.copy(self)
+        other.model, other._worlds = copy.copy(self.model), {}
+        geoms = bodies[other.model.geom_bodyid]
+        other.model.geom_contype[geoms] = other.model.geom_conaffinity[geoms] = 0
+        return other
 
     def begin(
         self,

@@ -38,8 +38,11 @@ class Board:
     def __init__(self, folder: Path, runs: Sequence[AskedRun], retries: int, workers: int):
         self._folder, self._runs, self._workers = folder, runs, workers
         self.standings = {run.name: Places(folder, run.name).standing(retries) for run in runs}
-        self._pilots, self._running = Pilots(folder), dict[str, float]()
-        self._lock, self._drawn, self._is_live = Lock(), 0, sys.stderr.isatty()
+        self._pilots = Pilots(folder)
+        self._running = dict[str, float]()
+        self._lock = Lock()
+        self._drawn = 0
+        self._is_live = sys.stderr.isatty()
         self._write()
 
     def begin(self, run: AskedRun) -> None:

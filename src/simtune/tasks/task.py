@@ -88,10 +88,10 @@ class Task:
     # Acts well with the simulator's state: explores contacts that random actions seldom reach
     script: Script | None = None
     # Joints whose position makes no difference, such as the distance a robot has gone;
-    # `rollout.Environment.observe` leaves these positions out
+    # policies learn without these positions
     free_joints: tuple[str, ...] = ()
     # {hinge: n}: everything looks and moves the same after 1/n of a turn, so pictures cannot
-    # distinguish the angles; neither does `Environment.observe`
+    # distinguish the angles; nor do the states that policies learn from
     symmetric_hinges: Mapping[str, int] = field(default_factory=dict)
     # {parameter: value} of known colours, from which a camera's gains are estimated
     known_colours: Mapping[str, float] = field(default_factory=dict)

@@ -19,6 +19,7 @@ from simtune.fit import (
     to_range_units,
 )
 from simtune.randomization import Distribution
+from simtune.tuning.edges import followed, out_of_reach, reach_warnings
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.learning import LearningResult
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
@@ -49,17 +50,19 @@ def conclude(
     curves = with_fit(prob_higher, mean, std, config.posterior_net_weight)
     read = read_curves(curves, searched, first, config)
     is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
-    at_bounds = bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
+    side = np.where(is_fitted, out_of_reach(curves, searched), 0)
+    at_ends = reach_warnings(space, side, read.mean)
+    at_ends |= bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
     # If the model lacks something else, none of its numbers is identified.
     is_wrong = is_motion_unexplained(fit, bootstrap) or fit.is_too_late
     is_sound = has_comparison(bootstrap) and not is_wrong
-    doubtful = np.array([not is_sound or name in at_bounds for name in space.names])
+    doubtful = np.array([not is_sound or name in at_ends for name in space.names])
     elsewhere = bootstrap.is_elsewhere(fit.misfit)
     doubtful[space.is_appearance] |= elsewhere
     doubtful[~space.is_appearance] |= elsewhere.any()
     visible = [space.names[i] for i in np.flatnonzero(space.is_appearance)]
     estimate = replace(
-        read,
+        followed(read, side, trusted.parameters),
         verdict=at_most_weak(read.verdict, doubtful),
         correlation=trusted.correlation,
         correlations=correlated_pairs(trusted.correlation, space),
@@ -67,7 +70,7 @@ def conclude(
         warnings=[
             *model_checks(fit, bootstrap),
             *elsewhere_warning(fit, bootstrap, visible),
-            *at_bounds.values(),
+            *at_ends.values(),
         ],
         held_out=held_out_misfit(fit, bootstrap),
         start=fit.starts[0].tolist(),

@@ -30,6 +30,7 @@ from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.trajectory import Trajectory
 from simtune.tuning.earlier_rounds import EarlierRounds
+from simtune.tuning.edges import doubted_at_edges, leads_beyond
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.familiarity import doubted, measure_strangeness
 from simtune.tuning.fit_verdict import conclude_by_networks
@@ -37,7 +38,7 @@ from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.pace import Pace, RoundTimes, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import doubted_at_edges, update_range
+from simtune.tuning.range_update import update_range
 from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning.readings_first import ReadingsFirst
 from simtune.tuning.rounds import Rounds, half_widths
@@ -200,10 +201,11 @@ class PosteriorSearch:
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
-        is_judged = bool(estimate.ranks)
-        if not self.context.can_fit:
+        can_fit = self.context.can_fit
+        is_judged = bool(estimate.ranks) or not can_fit
+        is_judged &= not leads_beyond(curves, searched, events, can_fit)
+        if not can_fit:
             estimate = doubted_at_edges(estimate, events)
-            is_judged = all(event.event != "widened" for event in events)
         self._earlier = self._earlier.with_doubts(estimate)
         widths = half_widths(estimate, self.first)[self._counted]
         # A user reads the verdicts; a policy does not.

@@ -1,11 +1,11 @@
 """What survival curves say: an estimate with verdicts, and how Ξ moves; pure functions."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from simtune.randomization import Distribution
-from simtune.tuning.estimate import Estimate, Verdict, at_most_weak
+from simtune.tuning.estimate import Estimate, Verdict
 from simtune.tuning.search import Event
 from simtune.tuning.survival_curves import (
     candidate_grid,
@@ -17,10 +17,6 @@ from simtune.tuning.survival_curves import (
 _BEYOND = 0.05  # probability beyond an end of the grid, from which the interval reaches the bound
 _INFORMATIVE = 0.565  # of the range: a curve whose central 90 % is wider says nothing
 _EDGE = 0.01  # of the range, from its ends
-_AT_EDGE = (
-    "The truth may lie beyond the range that was searched of {}, which no fit can follow here, so "
-    "that is not called identified. Another round searches beyond: give it more minutes."
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,22 +55,6 @@ def read_curves(
         kept = points_to_keep(row)
         curves[name] = (values[kept], row[kept])
     return Estimate(mean, low, high, verdicts, curves)
-
-
-def doubted_at_edges(estimate: Estimate, events: list[Event]) -> Estimate:
-    """The estimate; parameters at an edge of the searched range are at most weak, with a warning.
-
-    Networks say little of what lies beyond the range that they were trained in.
-    """
-    widened = [event.parameter for event in events if event.event == "widened"]
-    if not widened:
-        return estimate
-    names = list(estimate.curves)
-    return replace(
-        estimate,
-        verdict=at_most_weak(estimate.verdict, np.array([name in widened for name in names])),
-        warnings=[*estimate.warnings, _AT_EDGE.format(", ".join(widened))],
-    )
 
 
 def _verdict(share: float, config: RangeUpdateConfig) -> Verdict:

@@ -27,7 +27,8 @@ from simtune.observation import finds_offset
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.pace import slow_steps
-from simtune.tuning.readings_fits import FEWEST_STEPS, BestDescent, Horizons, ReadingsFits
+from simtune.tuning.readings_agreement import BestDescent
+from simtune.tuning.readings_fits import FEWEST_STEPS, Horizons, ReadingsFits
 from simtune.tuning.readings_verdict import ReadingsFit, conclude
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (

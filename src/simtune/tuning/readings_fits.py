@@ -6,7 +6,6 @@ the shorter one ended, and poor candidates are dropped.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,18 +13,25 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings, ReplayStage
-from simtune.observation import JointSensor, declared_noise
+from simtune.observation import declared_noise
+from simtune.tuning.readings_agreement import (
+    CLEARLY_BETTER,
+    BestDescent,
+    agree,
+    best_of,
+    two_agree,
+    unexplained,
+)
 
 FEWEST_STEPS = 8
-FAR_MORE = 4.0  # factor on the noise that a sensor declares
 _LITTLE_MORE = 1.5  # factor on the same
 _LONGEST_DELAY_S = 0.5
-_CLEARLY_BETTER = 0.02  # relative decrease of residuals that counts as better, for a fit or a delay
 _MOST_LEFT = 0.5  # steps of a delay that are left to a lateness
 _INSIDE = 0.1  # of the range, kept from its ends: at a bound nothing moves inward
 _SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should return
 _FEW_FITS = 4  # to whole episodes, if two of stretches agree
 _HURRY = 0.3  # share of the time, after which two that agree suffice to go on
+_MOST_CUTS = 3  # of episodes into segments, before other fits
 _TOGETHER = 2  # of these fits start with all parameters higher or all lower
 
 
@@ -52,16 +58,6 @@ class Horizons:
     late_iterations: int = 3
     whole_iterations: int = 15
     most_fits: int = 8  # to whole episodes
-
-
-class BestDescent(NamedTuple):
-    """The best of several descents, and how far others agree."""
-
-    best: Descent
-    apart: np.ndarray  # (P,) half the difference from others that are as good, at most
-    is_sure: bool  # whether another one is as good
-    num_fits: int
-    is_whole: bool  # of whole episodes, rather than stretches of the last horizon
 
 
 class ReadingsFits:
@@ -136,7 +132,7 @@ class ReadingsFits:
             late = self._readings.delayed(number)
             begin = self._sooner(best.guess, number - steps)
             descent = self._method.descend(late, begin, stage, budget, best)
-            if descent.log_rms < best.log_rms - _CLEARLY_BETTER:
+            if descent.log_rms < best.log_rms - CLEARLY_BETTER:
                 best, steps = descent, number
             elif number > steps + 2 or budget.is_over:
                 break
@@ -159,23 +155,46 @@ class ReadingsFits:
         noise, those are the result. A simulator that lacks something must fit whole episodes.
         """
         readings = self._readings.delayed(late)
-        stage = ReplayStage(self._horizons.whole_iterations)
-        rng, fits, took_s = np.random.default_rng((self._seed, 1)), list[Descent](), 0.0
+        first, stage, took_s = self._first_whole(readings, ended[0].guess, budget)
+        rng, fits = np.random.default_rng((self._seed, 1)), [first]
         most = _FEW_FITS if self._is_enough(ended) else self._horizons.most_fits
         while len(fits) < most:
-            best = min(fits, key=lambda descent: descent.log_rms, default=None)
-            if best and two_agree(fits) and not unexplained(best.noise, self._method.sensors).any():
-                break
-            if best and not (budget.is_endless or budget.seconds_left > took_s):
+            best = min(fits, key=lambda descent: descent.log_rms)
+            if self._is_found(fits, best) or budget.seconds_left <= took_s:
                 break
             budget.report("replaying whole episodes", len(fits) / self._horizons.most_fits)
-            left_s = budget.seconds_left
             # Next to the best, since other candidates may lie elsewhere in the same valley
-            guess = self._start_near(best, rng, len(fits) <= _TOGETHER) if best else ended[0].guess
+            guess = self._start_near(best, rng, len(fits) <= _TOGETHER)
             fits.append(self._method.descend(readings, guess, stage, budget, best))
-            took_s = took_s or left_s - budget.seconds_left
-        is_whole = two_agree(fits) or not self._is_enough(ended)
-        return self._found(fits if is_whole else ended, is_whole)
+        is_whole = agree(fits, self._moving) or not self._is_enough(ended)
+        return best_of(fits if is_whole else ended, self._moving, is_whole)
+
+    def _first_whole(
+        self, readings: Readings, guess: Guess, budget: Budget
+    ) -> tuple[Descent, ReplayStage, float]:
+        """A fit to whole episodes, as far as replays can follow them, and the seconds it took.
+
+        How far that is depends on the parameters. So what a fit finds is asked again, and the fit
+        is repeated if it follows other segments, until these stay.
+        """
+        budget.report("replaying whole episodes", 0.0)
+        segments, num_cuts = self._method.follow(readings, guess), 1
+        while True:
+            left_s = budget.seconds_left
+            stage = ReplayStage(self._horizons.whole_iterations, segments=segments)
+            descent = self._method.descend(readings, guess, stage, budget)
+            took_s = left_s - budget.seconds_left
+            guess, before = descent.guess, segments
+            segments = self._method.follow(readings, guess)
+            is_last = num_cuts == _MOST_CUTS or budget.seconds_left <= took_s
+            if is_last or segments.are(before):
+                return descent, stage, took_s
+            num_cuts += 1
+
+    def _is_found(self, fits: list[Descent], best: Descent) -> bool:
+        """Whether fits to whole episodes agree and leave no more than noise."""
+        is_off = unexplained(best.noise, self._method.sensors).any()
+        return agree(fits, self._moving) and not is_off
 
     def _is_enough(self, ended: list[Descent]) -> bool:
         """Whether two descents at the last horizon agree and leave little more than noise."""
@@ -183,15 +202,6 @@ class ReadingsFits:
         declared = declared_noise(self._method.sensors)
         left = noise < _LITTLE_MORE * declared
         return two_agree(ended) and bool((left & np.isfinite(declared)).all())
-
-    def _found(self, fits: list[Descent], is_whole: bool) -> BestDescent:
-        best = min(fits, key=lambda descent: descent.log_rms)
-        as_good = [
-            descent.unit for descent in fits if descent.log_rms < best.log_rms + _CLEARLY_BETTER
-        ]
-        differences = (as_good - best.unit)[:, self._moving] / 2
-        apart = np.take_along_axis(differences, np.abs(differences).argmax(0)[None], 0)[0]
-        return BestDescent(best, apart, two_agree(fits), len(fits), is_whole)
 
     def _start_near(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:
         """A start near the best, with all parameters higher or lower `together`, or at random."""
@@ -212,14 +222,3 @@ class ReadingsFits:
 def most_delayed(step_s: float) -> int:
     """The largest number of steps that `ReadingsFits.how_late` may find."""
     return math.ceil(_LONGEST_DELAY_S / step_s) + 1
-
-
-def two_agree(fits: Sequence[Descent]) -> bool:
-    """Whether the two best leave nearly the same residuals."""
-    found = sorted(descent.log_rms for descent in fits)
-    return len(found) > 1 and found[1] < found[0] + _CLEARLY_BETTER
-
-
-def unexplained(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:
-    """(D,) bool: readings whose residuals (D,) are far larger than the declared noise."""
-    return noise > FAR_MORE * declared_noise(sensors)

@@ -18,12 +18,12 @@ from simtune.fit.lateness import is_too_late
 from simtune.fit.readings.replay_objective import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
 from simtune.normal import STDS_90
-from simtune.observation import ObservationModel, declared_noise, joints_of, usual_noise
+from simtune.observation import ObservationModel, assumed_noise, declared_noise, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
-from simtune.tuning.readings_fits import FAR_MORE, BestDescent, unexplained
+from simtune.tuning.readings_agreement import FAR_MORE, BestDescent, unexplained
 from simtune.tuning.survival_curves import normal_curves
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
@@ -208,7 +208,7 @@ def _warnings(
     sensors = joints_of(observation.sensors)
     is_declared = np.isfinite(declared_noise(sensors))
     is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
-    far = noise > FAR_MORE * usual_noise(sensors)
+    far = noise > FAR_MORE * assumed_noise(sensors)
     untested = far & ~is_declared & is_place  # what is usual of speeds differs too much
     for said, which in ((_UNEXPLAINED, off), (_UNTESTED, untested)):
         labels = [n for n, is_it in zip(observation.reading_labels, which, strict=True) if is_it]

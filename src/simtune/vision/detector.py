@@ -26,7 +26,7 @@ class DetectorConfig:
     channels: int = 16
     free_maps: int = 8  # attention maps beside the keypoints', for colours of static things
     reads_rows: bool = False  # the mean of each row, too: where a ground ends, hence its height
-    rounds: bool = False  # features to bfloat16, on a CPU that is faster with it
+    uses_bfloat16: bool = False  # for features, on a CPU that is faster with it
     hidden: int = 128
     batch_size: int = 32
     learning_rate: float = 5e-3
@@ -61,7 +61,7 @@ class KeypointDetector(nn.Module):
         self.mix = nn.Conv2d(c, c, 3, 1, 1)
         self.maps = nn.Conv2d(c, num_maps, 1)
         self.cells = -(-shape[0] // _STRIDE), -(-shape[1] // _STRIDE)  # rows and columns
-        self._reads_rows, self._rounds = config.reads_rows, config.rounds
+        self._reads_rows, self._uses_bfloat16 = config.reads_rows, config.uses_bfloat16
         num_read = num_maps * 5 + 2 * c + (c * self.cells[0] if config.reads_rows else 0)
         sizes = (num_read, config.hidden, config.hidden, num_visible)
         self.head = mlp(sizes, nn.ELU) if num_visible else None
@@ -71,7 +71,7 @@ class KeypointDetector(nn.Module):
 
     def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, 3, H, W) in [-1, 1] to heatmap logits (B, L, cells) and visible parameters."""
-        with autocast(_CPU, self._rounds):  # no matter on a GPU
+        with autocast(_CPU, self._uses_bfloat16):  # no matter on a GPU
             fine, coarse = (features.float() for features in self._features(pictures))
         logits = self.maps(fine).flatten(2).contiguous()  # (B, maps, cells)
         heatmaps = logits[:, : self.num_keypoints]
@@ -194,16 +194,11 @@ def to_input(frames: np.ndarray | torch.Tensor) -> torch.Tensor:
 
 
 @torch.no_grad()
-def detect(
-    detector: KeypointDetector, frames: np.ndarray, batch_size: int | None = None
-) -> Detections:
-    """Keypoints and visible parameters in (n, H, W, 3) frames, on the detector's device.
-
-    On a CPU larger batches than the default are slower, and take much memory.
-    """
+def detect(detector: KeypointDetector, frames: np.ndarray) -> Detections:
+    """Keypoints and visible parameters in (n, H, W, 3) frames, on the detector's device."""
     parts, device = [], detector.grid.device
-    usual = pictures_at_once(device, *frames.shape[1:3])
-    for part in torch.from_numpy(frames).split(batch_size or usual):
+    at_once = pictures_at_once(device, *frames.shape[1:3])  # more are slower on a CPU
+    for part in torch.from_numpy(frames).split(at_once):
         heatmaps, estimated = detector(to_input(part.to(device)))
         places, *others = detector.candidates(heatmaps)
         parts.append((places[:, 0], places, *others, estimated))

@@ -13,10 +13,12 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.cameras.lens import focal_px
+from simtune.cameras.pictures import BORDER_PX
 from simtune.cameras.views import View
 from simtune.parameters.model_writer import start_from_material
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
+from simtune.simulation.rendering.appearance import NUM_GROUPS
 from simtune.simulation.rendering.plate import stands_still
 
 # As values, since MuJoCo's enums do not equal the integers in its arrays.
@@ -27,10 +29,8 @@ ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value
 _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID.value)
 PILOT_STEPS = 3200  # simulated to choose keypoints
 _PILOTS = 32
-_DRAWN_GROUPS = 3  # MuJoCo draws geoms of the first three groups; the others are for contacts
+_MOST = 16  # keypoints of a view
 _TOLERANCE_PX = 0.3  # root mean square of what the chosen keypoints do not explain
-# Margin to which points outside the picture are clipped: detectors name no place beyond.
-_BORDER_PX = 0.5
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _project(seen: np.ndarray, focal_length_px: np.ndarray, width: int, height: 
     direction = seen[..., :2] / depth * [1, -1]
     last = np.array([width, height]) - 1
     pixels = last / 2 + focal_length_px[:, None, None] * direction
-    return np.clip(pixels, _BORDER_PX, last - _BORDER_PX).astype(np.float32)
+    return np.clip(pixels, BORDER_PX, last - BORDER_PX).astype(np.float32)
 
 
 def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int) -> Keypoints:
@@ -126,7 +126,7 @@ def is_drawn(model: mujoco.MjModel) -> np.ndarray:
     """(ngeom,) bool: geoms that cameras show, not only used for contacts."""
     rgba = model.geom_rgba.copy()
     start_from_material(rgba, np.arange(model.ngeom), model, "geom_rgba")
-    return (model.geom_group < _DRAWN_GROUPS) & (rgba[:, 3] > 0)
+    return (model.geom_group < NUM_GROUPS) & (rgba[:, 3] > 0)
 
 
 def moves_before(model: mujoco.MjModel, camera: int) -> np.ndarray:
@@ -150,7 +150,7 @@ def _half_length(model: mujoco.MjModel, geom: int) -> float:
     return float(model.geom_aabb[geom, 5])  # meshes and the rest: the bounding box
 
 
-def choose_keypoints(seen: np.ndarray, at_most: int = 16) -> list[int]:
+def choose_keypoints(seen: np.ndarray) -> list[int]:
     """The few keypoints from which all others follow linearly.
 
     `seen`: (samples, L, 2) pixels. Greedy: the next one is always the least explained by those
@@ -158,7 +158,7 @@ def choose_keypoints(seen: np.ndarray, at_most: int = 16) -> list[int]:
     """
     rest = (seen - seen.mean(0)).astype(float)  # (samples, L, 2)
     chosen: list[int] = []
-    while len(chosen) < min(at_most, seen.shape[1]):
+    while len(chosen) < min(_MOST, seen.shape[1]):
         unexplained = np.sqrt((rest**2).mean(0).sum(-1))  # (L,)
         best = int(unexplained.argmax())
         if unexplained[best] < _TOLERANCE_PX:

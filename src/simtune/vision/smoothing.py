@@ -6,7 +6,7 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of R, G and B (ITU-R BT.60
 
 
 def smoothed(pictures: np.ndarray) -> np.ndarray:
-    """(..., H, W, 3) float pictures smoothed with weights 1, 2, 1 along either axis.
+    """(..., H, W, C) float pictures smoothed with weights 1, 2, 1 along either axis.
 
     In place of pixels beyond the edges are those at the edges.
     """

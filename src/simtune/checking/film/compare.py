@@ -1,4 +1,4 @@
-"""Whether a film can be of the simulator's scene: background, motion, framing.
+"""How similar a film is to the simulator's pictures: background, motion, framing.
 
 Neither the parameters nor the states are known. So pictures are compared with those of many worlds
 drawn from the first search range, which play the recorded actions, by `features` alone. How similar
@@ -15,20 +15,8 @@ from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, Framing
 from simtune.checking.film.library import Library, brought_to_size
 
 _JUDGED = (10, 6)  # worlds, and pictures of each, that are judged as if they were films
-_ALIKE = 0.6  # least similarity, relative to that among the simulator's worlds
 _GAIN = 1.03  # factor by which another framing must be more similar than the film's own
 _SLACK = 0.75  # factor on the gain of other framings in the simulator's own worlds
-_STILL = 0.05  # of the motion in the other one, film or simulator
-_SOME = 1e-3  # share of pixels below which nothing moves in a film
-_STUCK = (
-    "things move in the film, and nothing moves in the simulator as it plays the recorded actions: "
-    "the model is stuck, and no motion can be compared; does an actuator reach the joint, is it "
-    "locked or held by its limits, or is something in the way?"
-)
-_EXCHANGED = (
-    "what moves in the film moves as camera {} sees it, and what moves in that one's film as this "
-    "camera does: are their keys exchanged?"
-)
 
 
 @dataclass(frozen=True)
@@ -43,9 +31,6 @@ class Comparison:
     moving_share: float  # of the pixels
     simulated_moving_share: float
     nearest: np.ndarray  # (E, K) nearest of the library's W · K pictures, for each of the film's
-    is_judged: bool  # whether the simulator draws all that the film shows
-    is_plate: bool = False  # whether it draws the film's own background: only motion can differ
-    exchanged_with: str | None = None  # the camera whose film this one seems to have instead
 
     @property
     def is_reframed(self) -> bool:
@@ -56,7 +41,6 @@ class Comparison:
         """Facts for the result; JSON."""
         return {
             "alike": self.alike,
-            "exchanged_with": self.exchanged_with,
             "framing": self.framing.says if self.is_reframed else None,
             "gain": self.gain,
             "needed_gain": self.needed_gain,
@@ -64,47 +48,9 @@ class Comparison:
             "simulated_moving_share": self.simulated_moving_share,
         }
 
-    @property
-    def warnings(self) -> list[str]:
-        """A sentence if the film cannot show the simulator's scene as its camera sees it."""
-        if self.exchanged_with is not None:
-            return [_EXCHANGED.format(self.exchanged_with)]
-        if self.simulated_moving_share < _STILL * self.moving_share > _STILL * _SOME:
-            return [_STUCK]
-        if self.moving_share < _STILL * self.simulated_moving_share:
-            return ["nothing moves in the film, though the simulator's parts do: is it this scene?"]
-        if not self.is_judged:
-            return []
-        other = "and even then another scene than the simulator's, or seen from elsewhere"
-        if self.is_reframed:
-            also = f", {other}" * (self.framed_alike < _ALIKE)
-            return [f"beside the simulator's pictures the film looks {self.framing.says}{also}"]
-        if self.alike < _ALIKE:
-            return [
-                "the film looks like another scene than the simulator's, or seen from elsewhere: "
-                f"{self.alike:.2f} times as like it as the simulator's own worlds are to each other"
-            ]
-        return []
 
-    @property
-    def all_clear(self) -> str:
-        """What no warning means: only what was compared can have differed."""
-        if not self.is_plate:
-            return "nothing says that this is another scene or another view"
-        return (
-            "the background is the film's own, so it tells nothing: only what moves was compared, "
-            f"and is {self.alike:.2f} times as like the simulator's as its own worlds' is"
-        )
-
-
-def compare(
-    film: np.ndarray, library: Library, is_judged: bool = True, is_plate: bool = False
-) -> Comparison:
-    """Compare one camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library.
-
-    `is_judged`: whether the simulator draws all that the film shows, so that it must be alike.
-    `is_plate`: whether the library is drawn in front of the film's own background.
-    """
+def compare(film: np.ndarray, library: Library) -> Comparison:
+    """Compare one camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library."""
     film = np.stack([brought_to_size(episode) for episode in film])
     usual = np.maximum(_own_likeness(library), 1e-3)
     found = [_best(film, framing, library).mean((1, 2)) for framing in FRAMINGS]
@@ -120,8 +66,6 @@ def compare(
         moving_share=float(moving_share(film).mean()),
         simulated_moving_share=float(moving_share(library.frames).mean()),
         nearest=both.argmax(1).reshape(film.shape[:2]),
-        is_judged=is_judged,
-        is_plate=is_plate,
     )
 
 

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from simtune.checking.film.features import describe, likeness
+from simtune.checking.film.features import Features, describe, likeness
 from simtune.checking.film.library import Library, brought_to_size
 
 _BETTER = 1.1  # factor by which two films must be more alike in each other's place
@@ -16,18 +16,20 @@ def exchanged(films: Sequence[np.ndarray], libraries: Sequence[Library]) -> dict
 
     Films are (E, K, H, W, 3) uint8. Those of other shapes are not tried in a camera's place.
     """
+    pictures = [describe(np.stack([brought_to_size(its) for its in film])) for film in films]
     found: dict[int, int] = {}
     for i, j in combinations(range(len(films)), 2):
         if films[i].shape[2:] != films[j].shape[2:] or {i, j} & found.keys():
             continue
-        alike = np.array([[_motion_alike(films[a], libraries[b]) for b in (i, j)] for a in (i, j)])
+        alike = np.array(
+            [[_motion_alike(pictures[a], libraries[b]) for b in (i, j)] for a in (i, j)]
+        )
         own, other = np.diag(alike), np.diag(alike[:, ::-1])
         if (other > own).all() and other.sum() > _BETTER * own.sum():
             found |= {i: j, j: i}
     return found
 
 
-def _motion_alike(film: np.ndarray, library: Library) -> float:
+def _motion_alike(pictures: Features, library: Library) -> float:
     """Mean cosine of what moves in a film's pictures and in the most similar simulated ones."""
-    pictures = describe(np.stack([brought_to_size(episode) for episode in film]))
     return float(likeness(pictures, library.features)[1].max(1).mean())

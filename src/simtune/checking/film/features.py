@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from simtune.vision.smoothing import smoothed
+
 SIZE = 64  # side of the pictures compared, in pixels
 _EDGE_LEVELS = 6.0  # of 256 per pixel: steeper slopes all count as edges
 _MOVING_LEVELS = 20.0  # of 256: larger differences from the background all count as moving
@@ -30,7 +32,7 @@ def describe(episodes: np.ndarray, seen: np.ndarray | None = None) -> Features:
         seen = np.ones(episodes.shape[2:4], bool)
     edges, moving = [], []
     for pictures in episodes:  # one by one, to stay in the cache
-        smooth = _smoothed(pictures.astype(np.float32))
+        smooth = smoothed(pictures.astype(np.float32))
         edges.append(_edges(smooth))
         moving.append(_moving(smooth, seen))
     whole = _seen_blocks(seen)
@@ -51,14 +53,14 @@ def likeness(pictures: Features, library: Features) -> np.ndarray:
 
 def outlines(picture: np.ndarray) -> np.ndarray:
     """(H, W) from 0 to 1, where a picture (H, W, 3) has edges."""
-    tensor = _tensor(_smoothed(picture[None].astype(np.float32)))
+    tensor = _tensor(smoothed(picture[None].astype(np.float32)))
     return (tensor[2] / (tensor[2] + _EDGE_LEVELS**2))[0]
 
 
 def moving_share(episodes: np.ndarray) -> np.ndarray:
     """(E,) mean share of pixels that moving things cover, over K pictures."""
     everywhere = np.ones(episodes.shape[2:4], bool)
-    smooth = (_smoothed(pictures.astype(np.float32)) for pictures in episodes)
+    smooth = (smoothed(pictures.astype(np.float32)) for pictures in episodes)
     return np.array([_moving(pictures, everywhere).mean() for pictures in smooth])
 
 
@@ -66,7 +68,7 @@ def _edges(smooth: np.ndarray) -> np.ndarray:
     """(K, SIZE / 2, SIZE / 2, 2) edge directions: cosine and sine of twice their angle."""
     across, diagonal, strength = _tensor(smooth)
     weight = 1 / (strength + _EDGE_LEVELS**2)
-    return _halved(_smoothed(np.stack([across * weight, diagonal * weight], -1)))
+    return _halved(smoothed(np.stack([across * weight, diagonal * weight], -1)))
 
 
 def _tensor(smooth: np.ndarray) -> np.ndarray:
@@ -83,19 +85,7 @@ def _moving(smooth: np.ndarray, seen: np.ndarray) -> np.ndarray:
     change = smooth - np.median(smooth, 0)
     change = np.einsum("...c,...c", change, change)
     change = np.maximum(change - _NOISE * np.median(change[:, seen]), 0)
-    return _halved(_smoothed((change / (change + _MOVING_LEVELS**2))[..., None]))
-
-
-def _smoothed(pictures: np.ndarray) -> np.ndarray:
-    """(K, H, W, C) smoothed with weights 1, 2, 1; edges are repeated."""
-    for axis in (1, 2):
-        mixed = 2 * pictures
-        new, old = np.moveaxis(mixed, axis, 0), np.moveaxis(pictures, axis, 0)
-        new[1:] += old[:-1]
-        new[:-1] += old[1:]
-        new[[0, -1]] += old[[0, -1]]
-        pictures = mixed / 4
-    return pictures
+    return _halved(smoothed((change / (change + _MOVING_LEVELS**2))[..., None]))
 
 
 def _halved(pictures: np.ndarray) -> np.ndarray:

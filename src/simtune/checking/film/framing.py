@@ -13,6 +13,16 @@ class Framing:
     # (2, 3): maps a point of the simulator's picture to that of the film; −1 (left, top) to 1
     matrix: np.ndarray
 
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether no turn of the camera reverses it."""
+        return bool(np.linalg.det(self.matrix[:, :2]) < 0)
+
+    @property
+    def is_on_its_side(self) -> bool:
+        """Whether what is wide looks high."""
+        return not self.matrix[0, 0]
+
     def undo(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(..., H, W, 3) uint8 frames as the simulator's camera would see them, and (H, W) bool.
 
@@ -67,14 +77,20 @@ def _shifted(by: float) -> list[Framing]:
 
 AS_IT_IS = _framing("as it should")
 MIRRORED = _framing("mirrored left to right", x=-1)
-# Framings that are recognised. Smaller changes cannot be told from a difference of renderers; 1.33
-# results from 4:3 in a square, 1.78 from 16:9.
-FRAMINGS = (
+# All ways to turn or mirror a square, but for leaving it as it is
+TURNS = (
     MIRRORED,
     _framing("mirrored top to bottom", y=-1),
     _framing("upside down", x=-1, y=-1),
     Framing("turned by 90° counterclockwise", np.array([[0, 1, 0], [-1, 0, 0]], float)),
     Framing("turned by 90° clockwise", np.array([[0, -1, 0], [1, 0, 0]], float)),
+    Framing("mirrored, and turned by 90°", np.array([[0, 1, 0], [1, 0, 0]], float)),
+    Framing("mirrored, and turned by 90°", np.array([[0, -1, 0], [-1, 0, 0]], float)),
+)
+# Framings that are recognised. Smaller changes cannot be told from a difference of renderers; 1.33
+# results from 4:3 in a square, 1.78 from 16:9.
+FRAMINGS = (
+    *TURNS[:5],
     *(_zoomed(by) for by in (1 / 1.5, 1 / 1.3, 1 / 1.15, 1.15, 1.3, 1.5)),
     *(framing for by in (9 / 16, 3 / 4, 1 / 1.15, 1.15, 4 / 3) for framing in _stretched(by)),
     *_shifted(0.1),

@@ -1,19 +1,23 @@
 """Looks at what each camera filmed, beside the simulator's pictures."""
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from simtune.cameras.pictures import resize
-from simtune.cameras.views import View, apart
-from simtune.checking.film.compare import Comparison, compare
+from simtune.cameras.views import View
+from simtune.checking.film.as_read import AsRead
+from simtune.checking.film.camera_film import CameraFilm
+from simtune.checking.film.compare import compare
 from simtune.checking.film.exchanged import exchanged
+from simtune.checking.film.film_warnings import STUCK, warnings
 from simtune.checking.film.library import Library, make_libraries
-from simtune.checking.film.picture import Shown, draw_film, named, new_file
+from simtune.checking.film.painted import hidden_background, painted_over
+from simtune.checking.film.picture import draw_film, named, new_file
 from simtune.checking.film.resting import resting_parts
+from simtune.checking.film.turned import Turned, turned
 from simtune.config import CheckConfig
-from simtune.observation import ObservationModel
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
 from simtune.tasks import Task
@@ -26,24 +30,6 @@ _RESTS = (
 _NOT_MODELLED = 'where the room around is not in the model, say background = "unknown"'
 
 
-class Films(NamedTuple):
-    """Each camera's film, (E, K, H, W, 3), and its view with a plate of the same size."""
-
-    names: list[str]
-    films: list[np.ndarray]
-    views: list[View]
-    are_plates: list[bool]  # whether the view's plate is the film's own background
-
-    @classmethod
-    def of(cls, seen: ObservationModel, film: np.ndarray) -> "Films":
-        """From (E, K, H, W, 3) frames that show all views side by side."""
-        films = apart(film, [view.width(film.shape[2]) for view in seen.views()])
-        footage = [camera.footage for camera in seen.cameras]
-        plates = [f.plate(its, its.shape[2:4]) for f, its in zip(footage, films, strict=True)]
-        own = [f.background == "recording" for f in footage]
-        return cls([f.name for f in footage], films, seen.views(plates), own)
-
-
 def shrunk(view: View, height: int) -> View:
     """The view with its plate scaled to the height of the simulator's pictures."""
     if view.plate is None:
@@ -52,43 +38,72 @@ def shrunk(view: View, height: int) -> View:
 
 
 def look_at(
-    films: Films, task: Task, simulator: Simulator, actions: np.ndarray, config: CheckConfig
+    films: list[CameraFilm],
+    task: Task,
+    simulator: Simulator,
+    actions: np.ndarray,
+    config: CheckConfig,
+    as_read: AsRead | None = None,
+    stuck: str | None = None,
 ) -> tuple[dict[str, Any], list[str]]:
-    """Facts of each camera's film, by name, and warnings; saves pictures."""
-    libraries = make_libraries(simulator, actions[: len(films.films[0])], config.seed)
+    """Facts of each camera's film, by name, and warnings; saves pictures.
+
+    `as_read`: the films' episodes as joint readings have them. `stuck`: why nothing moves in the
+    simulator, if known.
+    """
+    libraries = make_libraries(simulator, actions[: len(films[0].frames)], config.seed)
     if not libraries:
         return {}, ["the film was not looked at: nearly all of the simulator's worlds diverge"]
-    compared = _compare_all(films, libraries, simulator)
+    instead = _exchanged(films, libraries, simulator)
+    turns = _turned(films, simulator, as_read)
     facts, found = {}, []
-    for i, (name, comparison) in enumerate(zip(films.names, compared, strict=True)):
-        film, view, library = films.films[i], films.views[i], libraries[i]
-        warned = comparison.warnings
-        if warned and comparison.is_judged and camera_moves(simulator.model, view.camera):
-            warned = [f"{warned[0]}; {_NOT_MODELLED}"]
-        if comparison.exchanged_with is None and (rest := resting_parts(simulator, library, i)):
-            warned = [*warned, _RESTS.format(", ".join(rest))]
-        which = f"-{name.replace('/', '_')}" if len(libraries) > 1 else ""
-        if which:
-            warned = [f"camera {name}: {warning}" for warning in warned]
-        found += warned
+    for i, (film, library) in enumerate(zip(films, libraries, strict=True)):
+        comparison, other = compare(film.frames, library), instead.get(film.name)
+        turn = turns.get(film.name)
+        states = library.states.reshape(-1, library.states.shape[-1])
+        film = film._replace(painted=painted_over(simulator, states, i))
+        warned = warnings(film, comparison, other, turn, stuck or STUCK)
+        hidden = hidden_background(film.painted) if film.is_plate else []
+        which = f"-{film.name.replace('/', '_')}" if len(films) > 1 else ""
         path = named(config.pictures, which) or new_file(which)
-        draw_film(path, task, Shown(film, view, library), comparison)
-        facts[name] = comparison.facts() | {"pictures": str(path)}
+        draw_film(path, task, film, library, comparison, warned + hidden)
+        against = turn and turn.says
+        said = {"exchanged_with": other, "against_readings": against, "pictures": str(path)}
+        facts[film.name] = comparison.facts() | said
+        view = film.view
+        if (
+            warned
+            and not turn
+            and not view.background_is_unknown
+            and camera_moves(simulator.model, view.camera)
+        ):
+            warned = [f"{warned[0]}; {_NOT_MODELLED}"]
+        if other is None and (rest := resting_parts(simulator, library, i)):
+            warned = [*warned, _RESTS.format(", ".join(rest))]
+        warned = [*warned, *hidden]
+        found += [f"camera {film.name}: {warning}" for warning in warned] if which else warned
     return facts, found
 
 
-def _compare_all(films: Films, libraries: list[Library], simulator: Simulator) -> list[Comparison]:
-    """Each camera's comparison, and which still cameras' films look exchanged."""
-    compared = [
-        compare(film, library, is_judged=not view.background_is_unknown, is_plate=is_plate)
-        for film, library, view, is_plate in zip(
-            films.films, libraries, films.views, films.are_plates, strict=True
-        )
-    ]
+def _exchanged(
+    films: list[CameraFilm], libraries: list[Library], simulator: Simulator
+) -> dict[str, str]:
+    """{still camera: whose film it seems to have instead}."""
     model = simulator.model
-    still = [i for i, view in enumerate(films.views) if not camera_moves(model, view.camera)]
-    pairs = exchanged([films.films[i] for i in still], [libraries[i] for i in still])
-    for i, j in pairs.items():
-        other = films.names[still[j]]
-        compared[still[i]] = replace(compared[still[i]], exchanged_with=other)
-    return compared
+    still = [i for i, film in enumerate(films) if not camera_moves(model, film.view.camera)]
+    pairs = exchanged([films[i].frames for i in still], [libraries[i] for i in still])
+    return {films[still[i]].name: films[still[j]].name for i, j in pairs.items()}
+
+
+def _turned(
+    films: list[CameraFilm], simulator: Simulator, as_read: AsRead | None
+) -> dict[str, Turned]:
+    """{still camera: how its film is turned}, as far as readings say so."""
+    if as_read is None or not as_read.joints:
+        return {}
+    pairs = zip(films, turned([film.frames for film in films], as_read), strict=True)
+    return {
+        film.name: turn
+        for film, turn in pairs
+        if turn and not camera_moves(simulator.model, film.view.camera)
+    }

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -14,8 +14,10 @@ from matplotlib.figure import Figure
 
 from simtune.cameras.pictures import resize
 from simtune.cameras.views import View
+from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import Comparison
 from simtune.checking.film.features import outlines
+from simtune.checking.film.film_warnings import all_clear
 from simtune.checking.film.library import Library
 from simtune.tasks import Task
 
@@ -44,24 +46,23 @@ def named(pictures: Path | None, which: str) -> Path | None:
     return pictures and pictures.with_stem(pictures.stem + which)
 
 
-class Shown(NamedTuple):
-    """What one camera filmed, and what a simulator's would."""
-
-    film: np.ndarray  # (E, K, H, W, 3) uint8
-    view: View  # whose plate, if any, is as large as the film
-    library: Library
-
-
-def draw_film(path: Path, task: Task, shown: Shown, comparison: Comparison) -> None:
+def draw_film(
+    path: Path,
+    task: Task,
+    film: CameraFilm,
+    library: Library,
+    comparison: Comparison,
+    warned: Sequence[str],
+) -> None:
     """Save real, simulated and both pictures side by side: some moments, and the background.
 
     The simulator's are of the library's states nearest to the film's, in the nominal parameters'
     colours.
     """
-    film, view = shown.film, shown.view
-    height = max(film.shape[2], _HEIGHT_PX)
+    frames, view = film.frames, film.view
+    height = max(frames.shape[2], _HEIGHT_PX)
     size = height, view.width(height)
-    last, middle = len(film) - 1, film.shape[1] // 2
+    last, middle = len(frames) - 1, frames.shape[1] // 2
     moments = {
         "the first frame": (0, 0),
         "later": (0, middle),
@@ -70,16 +71,16 @@ def draw_film(path: Path, task: Task, shown: Shown, comparison: Comparison) -> N
     nearest = [int(comparison.nearest[moment]) for moment in moments.values()]
     if view.plate is not None:
         view = replace(view, plate=_brought_to(view.plate, size))
-    simulated = _simulated(task, shown.library, nearest, view, height)
-    real = [film[moment] for moment in moments.values()]
-    real.append(np.median(film.reshape(-1, *film.shape[2:]), 0).astype(np.uint8))
+    simulated = _simulated(task, library, nearest, view, height)
+    real = [frames[moment] for moment in moments.values()]
+    real.append(np.median(frames.reshape(-1, *frames.shape[2:]), 0).astype(np.uint8))
     rows = [(_brought_to(one, size), other) for one, other in zip(real, simulated, strict=True)]
     _save(
         path,
-        f"{task.name}, camera {shown.view.camera}",
+        f"{task.name}, camera {film.view.camera}",
         [*moments, "what stands still"],
         rows,
-        comparison,
+        *_verdict(film, comparison, warned),
     )
 
 
@@ -127,7 +128,8 @@ def _save(
     name: str,
     labels: Sequence[str],
     rows: Sequence[tuple[np.ndarray, np.ndarray]],
-    comparison: Comparison,
+    verdict: str,
+    colour: str,
 ) -> None:
     shape = rows[0][0].shape
     height = _HEAD_IN + _CELL_IN * shape[0] / shape[1] * len(rows) + _FOOT_IN
@@ -150,7 +152,8 @@ def _save(
     says = f"{name}: the film beside the simulator"
     figure.text(_LEFT, 1 - 0.32 / height, says, fontsize=14, color=_INK, weight="bold")
     _legend(figure, (_FOOT_IN - 0.2) / height)
-    _verdict(figure, comparison, 0.1 / height)
+    lines = textwrap.fill(verdict, 105)
+    figure.text(_LEFT, 0.1 / height, lines, fontsize=9.5, color=colour, va="bottom")
     figure.savefig(path, dpi=110, format="png")
 
 
@@ -162,9 +165,8 @@ def _legend(figure: Figure, y: float) -> None:
         x -= 0.012 * len(says) * 0.75 + 0.02
 
 
-def _verdict(figure: Figure, comparison: Comparison, y: float) -> None:
-    warned = comparison.warnings
-    says = warned[0] if warned else comparison.all_clear
-    good = _INK if comparison.is_plate else _GOOD
-    lines, colour = textwrap.fill(says, 105), _BAD if warned else good
-    figure.text(_LEFT, y, lines, fontsize=9.5, color=colour, va="bottom")
+def _verdict(film: CameraFilm, comparison: Comparison, warned: Sequence[str]) -> tuple[str, str]:
+    """A sentence, and its colour."""
+    if warned:
+        return warned[0], _BAD
+    return all_clear(film, comparison), _INK if film.is_plate else _GOOD

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from simtune.before_after.moving_parts import part_name
 from simtune.cameras.views import parts
-from simtune.checking.extents import corners_of_parts
+from simtune.checking.extents import corners_px
 from simtune.checking.film.features import SIZE, describe
 from simtune.checking.film.library import Library, brought_to_size
 from simtune.simulation import Simulator
@@ -44,20 +45,13 @@ def resting_parts(simulator: Simulator, library: Library, view: int) -> list[str
 
 def _corners_px(simulator: Simulator, states: np.ndarray, view: int) -> dict[str, np.ndarray]:
     """{body: (n, L, 2)} pixels, of SIZE, of the corners of its geoms in a view, for (n, S)."""
-    model = simulator.model
-    corners = corners_of_parts(model, simulator.views, simulator.image_size)
-    nominal = np.tile(simulator.space.nominal, (len(states), 1))
-    rng = np.random.default_rng(0)
-    seen = simulator.begin(nominal, rng, starts=states, observe=corners.observe).observed
-    pixels = seen.reshape(-1, len(corners), 2).astype(float)
     columns = parts(simulator.widths)[view]
-    pixels[..., 0] -= columns.start
-    pixels *= SIZE / np.array([columns.stop - columns.start, simulator.image_size])
-    bodies = model.body_weldid[model.geom_bodyid[corners.geoms]]
-    in_view = corners.views == view
+    scale = SIZE / np.array([columns.stop - columns.start, simulator.image_size])
+    found = corners_px(simulator, states, simulator.views)
     return {
-        model.body(body).name or f"body {body}": pixels[:, in_view & (bodies == body)]
-        for body in np.unique(bodies[in_view]).tolist()
+        part_name(simulator.model, body): (pixels - [columns.start, 0]) * scale
+        for (body, its_view), pixels in found.items()
+        if its_view == view
     }
 
 

@@ -16,7 +16,7 @@ _CHUNK = 256  # worlds whose controls are computed at once
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 
 
-class ServoOf(NamedTuple):
+class PositionServo(NamedTuple):
     """A position servo: its joint's target is shift + factor · control."""
 
     control: int
@@ -29,10 +29,34 @@ class ServoOf(NamedTuple):
         return self.shift + self.factor * np.clip(controls[:, self.control], *self.limits)
 
 
-def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[ServoOf | None]:
+def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[PositionServo | None]:
     """For each reading the servo that actions command, or None."""
+    by_joint = _by_joint(simulator)
+    return [
+        None if sensor.is_velocity else by_joint.get(joint)
+        for sensor in sensors
+        for joint in sensor.joints
+    ]
+
+
+def commanded_spans(simulator: Simulator, actions: Sequence[np.ndarray]) -> dict[str, float]:
+    """{joint with a servo of positions: how far apart its targets are}, for (T, A) actions.
+
+    Empty for actions that displace joints from where they are.
+    """
+    servos = _by_joint(simulator)
+    if simulator.action_mapping.is_relative or not servos:
+        return {}
+    batch, together = Batch(simulator.model, _CHUNK), np.concatenate(list(actions))
+    chunks = [together[i : i + _CHUNK] for i in range(0, len(together), _CHUNK)]
+    controls = np.concatenate([_controls(simulator, batch, chunk) for chunk in chunks])
+    return {name: float(np.ptp(servo.targets(controls))) for name, servo in servos.items()}
+
+
+def _by_joint(simulator: Simulator) -> dict[str, PositionServo]:
+    """The servos that actions command, by the names of their joints."""
     model, commanded = simulator.model, simulator.action_mapping.names
-    are_servos, by_joint = position_servos(model), dict[str, ServoOf]()
+    are_servos, by_joint = position_servos(model), dict[str, PositionServo]()
     for i in np.flatnonzero(model.actuator_ctrlnum == 1):
         control, output = int(model.actuator_ctrladr[i]), model.actuator_outadr[i]
         gear = model.actuator_gear[output, 0]
@@ -41,14 +65,10 @@ def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Serv
         if not (is_commanded and are_servos[i] and moves_joint and gear):
             continue
         shift, factor = joint_target(model, int(i))
-        by_joint[model.joint(int(model.actuator_trnid[i, 0])).name] = ServoOf(
+        by_joint[model.joint(int(model.actuator_trnid[i, 0])).name] = PositionServo(
             control, factor, shift, control_limits(model, control)
         )
-    return [
-        None if sensor.is_velocity else by_joint.get(joint)
-        for sensor in sensors
-        for joint in sensor.joints
-    ]
+    return by_joint
 
 
 def commands_of(
@@ -64,15 +84,20 @@ def commands_of(
         positions = {s.name: s for s in sensors if not s.is_velocity}
         read = {name: _without_gaps(trajectory.readings[name]) for name in positions}
         for start in range(0, len(trajectory), _CHUNK):
-            actions = trajectory.actions[start : start + _CHUNK].astype(float)
+            actions = trajectory.actions[start : start + _CHUNK]
             for name, sensor in positions.items():
                 here = read[name][start : start + len(actions)]
                 batch.qpos[: len(here), sensor.places] = here
-            padded = np.pad(actions, ((0, _CHUNK - len(actions)), (0, 0)), mode="edge")
-            applied = simulator.action_mapping.apply(batch, padded)
-            controls.append(applied[: len(actions)])
+            controls.append(_controls(simulator, batch, actions))
         by_episode.append(np.concatenate(controls))
     return by_episode
+
+
+def _controls(simulator: Simulator, batch: Batch, actions: np.ndarray) -> np.ndarray:
+    """(T, nu) of at most a chunk of (T, A) actions."""
+    num = len(actions)
+    padded = np.pad(actions.astype(float), ((0, _CHUNK - num), (0, 0)), mode="edge")
+    return simulator.action_mapping.apply(batch, padded)[:num].copy()
 
 
 def _without_gaps(readings: np.ndarray) -> np.ndarray:

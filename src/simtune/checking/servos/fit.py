@@ -11,19 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from simtune.normal import MAD_TO_STD
+
 _LONGEST_LAG_S = 0.6
 _FEWEST_LAG_STEPS = 4.0  # tried, however long a step is
 _GRID = 25  # delays tried first
 _FINER, _TIMES = 5, 4  # each time with a fifth of the spacing
 _TIME_CONSTANTS = 10  # of a first-order lag, tried first
-_NORMAL = 1.4826  # standard deviations per median absolute deviation
 _MOST = (1, 99)  # percentiles that bound a joint's travel: a lost packet is no motion
 
 Episodes = Sequence[np.ndarray]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Servo:
+class ServoResponse:
     """One joint's servo; all lengths in its sensor's unit."""
 
     lag_s: float  # the constant delay with the least residuals
@@ -39,7 +40,7 @@ class Servo:
     commanded: float  # how far its command moves
 
 
-def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> Servo:
+def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> ServoResponse:
     """Fit a joint's (T,) commands and (T + 1,) readings in each episode; NaN is no reading.
 
     NaN for what its command cannot tell, such as the delay of a constant one.
@@ -47,14 +48,15 @@ def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> Servo:
     travel, commanded = _travel(measured), _travel(commands)
     noise = noise_of(measured)
     if not commanded > 0 or not np.isfinite(travel):
-        unknown = dict.fromkeys(Servo.__annotations__, np.nan)
-        return Servo(**(unknown | {"noise": noise, "travel": travel, "commanded": commanded}))
+        unknown = dict.fromkeys(ServoResponse.__annotations__, np.nan)
+        known = {"noise": noise, "travel": travel, "commanded": commanded}
+        return ServoResponse(**(unknown | known))
     lag = delay_of(commands, measured, step_s)
     offset, rms = _offset_and_rms(commands, measured, lag)
     time_constant, its_lag = _first_order(commands, measured, _longest_lag(step_s))
     filtered = [filtered_by(c, time_constant) for c in commands]
     its_offset, its_rms = _offset_and_rms(filtered, measured, its_lag)
-    return Servo(
+    return ServoResponse(
         lag_s=lag * step_s,
         lag_steps=lag,
         offset=offset,
@@ -78,7 +80,7 @@ def delay_of(commands: Episodes, measured: Episodes, step_s: float) -> float:
     return _lowest(left, _longest_lag(step_s))
 
 
-def predict(servo: Servo, commands: Episodes, step_s: float) -> list[np.ndarray]:
+def predict(servo: ServoResponse, commands: Episodes, step_s: float) -> list[np.ndarray]:
     """(T,) readings that the first-order lag, its delay and its offset predict."""
     filtered = (filtered_by(c, servo.time_constant_s / step_s) for c in commands)
     late = servo.filtered_lag_s / step_s
@@ -111,7 +113,7 @@ def noise_of(measured: Episodes) -> float:
     """
     second = np.concatenate([np.diff(values, 2) for values in measured])
     second = np.abs(second[np.isfinite(second)])
-    return float(_NORMAL * np.median(second) / np.sqrt(6)) if len(second) else float("nan")
+    return float(MAD_TO_STD * np.median(second) / np.sqrt(6)) if len(second) else float("nan")
 
 
 def _longest_lag(step_s: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from simtune.checking.servos.fit import Servo
+from simtune.checking.servos.fit import ServoResponse
 from simtune.checking.servos.table import small
 
 _COLUMNS, _MOST = 2, 16  # joints side by side, and in all
@@ -23,7 +23,7 @@ class Curve(NamedTuple):
     command: np.ndarray  # (T,)
     measured: np.ndarray  # (T + 1,), NaN: no reading
     predicted: np.ndarray  # (T,) by a first-order lag with delay and offset
-    servo: Servo
+    servo: ServoResponse
 
 
 def draw_servos(path: Path, name: str, curves: Mapping[str, Curve], step_s: float) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.checking.servos.fit import Episodes, Servo, predict
+from simtune.checking.servos.fit import Episodes, ServoResponse, predict
 
 _WIDTHS, _FINER, _TIMES = 8, 3, 3  # of a first grid, and of finer ones around the best
 _SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the lag's delay, that are tried
@@ -30,7 +30,7 @@ class Play(NamedTuple):
         return self.width > _NOISES * noise and self.rms < _BETTER * self.rms_without
 
 
-def find_play(servo: Servo, commands: Episodes, measured: Episodes, step_s: float) -> Play:
+def find_play(servo: ServoResponse, commands: Episodes, measured: Episodes, step_s: float) -> Play:
     """Of a joint's (T,) commands and (T + 1,) readings; NaN if its command tells nothing."""
     if not np.isfinite(servo.filtered_rms):
         return Play(np.nan, np.nan, np.nan)

@@ -57,7 +57,10 @@ class JointMotion:
             offsets = np.where(self.finds_offset, missed, 0.0)
         replayed, predicted = self._replay(readings, unit, offsets)
         left = smoothed(filled(values - offsets - predicted))
-        return self._with_objects(self.loop.measured.corrected(replayed, *left), states), offsets
+        moved = self.loop.measured.corrected(replayed, *left)
+        rows = moved.reshape(-1, moved.shape[-1])
+        rows = self.loop.measured.consistent.near(rows, np.repeat(unit[None], len(rows), 0))
+        return self._with_objects(rows.reshape(moved.shape), states), offsets
 
     def _replay(
         self, readings: Readings, unit: np.ndarray, offsets: np.ndarray
@@ -66,6 +69,7 @@ class JointMotion:
         physics = self.loop.physics
         whole, begun = begin_whole(self.loop, readings, unit, offsets)
         units = np.repeat(unit[None], len(begun), 0)
+        begun = self.loop.measured.consistent.near(begun, units)
         full_states, seen = physics.play(begun, units, whole.actions, whole.actuator_states)
         return physics.states(full_states), seen
 

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from simtune.fit.physics import Physics
+from simtune.fit.readings.consistent import ConsistentStates
 from simtune.fit.readings.stretches import (
     filled,
     is_within,
     moving_from_the_start,
     velocities,
 )
-from simtune.fit.readings.tied_joints import follow_measured
 from simtune.observation import JointSensor, measured_places
 from simtune.parameters.backlash import play_of
-from simtune.simulation.loose_objects import loose_joints, passive_joints
+from simtune.simulation.loose_objects import gliding_joints, loose_joints, passive_joints
 
 _VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
 
@@ -38,11 +38,15 @@ class MeasuredStates:
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.start_tangents = tangents
+        self.consistent = ConsistentStates(physics.simulator, self._places, self._dofs)
         # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
         self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
         for joint in loose_joints(model):
             place, dof = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
             self.is_loose_position[place : place + 7] = self.is_loose[dof : dof + 6] = True
+        self.gliding = gliding_joints(model, places)
+        self.is_loose_position[model.jnt_qposadr[self.gliding]] = True
+        self.is_loose[model.jnt_dofadr[self.gliding]] = True
 
     @property
     def knows_all_but_objects(self) -> bool:
@@ -52,14 +56,14 @@ class MeasuredStates:
         """
         model = self.physics.simulator.model
         measured = model.dof_jntid[self._dofs].tolist()
-        known = [*measured, *(play_of(model, joint) for joint in measured)]
+        known = [*measured, *(play_of(model, joint) for joint in measured), *self.gliding]
         return bool(self.is_loose.any() and np.isin(passive_joints(model), known).all())
 
-    def as_read(self, values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    def as_read(self, values: np.ndarray, offsets: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,).
 
-        Unmeasured positions are those that the model ties to measured ones, or else those at the
-        start of a simulated episode.
+        Unmeasured positions are those that equalities tie to measured ones in a world of (N,)
+        parameters in unit coordinates, or else those at the start of a simulated episode.
         """
         states = np.tile(self.physics.some_state, (*values.shape[:2], 1))
         read, nq = moving_from_the_start(values) - offsets, self.physics.space.nq
@@ -72,8 +76,7 @@ class MeasuredStates:
                 continue
             states[..., sensor.places] = joint_values
             states[..., self._velocities_of(sensor)] = velocities(joint_values) / step_s
-        follow_measured(self.physics.simulator.model, states, self._places)
-        return states
+        return self.consistent.following(states, unit, self.physics.some_state)
 
     def change_per_late_step(self, states: np.ndarray) -> np.ndarray:
         """(E, T + 1, 2 nv) change of states per step of lateness of the readings.
@@ -94,7 +97,6 @@ class MeasuredStates:
             if not sensor.is_velocity:
                 states[..., sensor.places] += change[..., columns]
                 states[..., self._velocities_of(sensor)] += rate[..., columns] / step_s
-        follow_measured(self.physics.simulator.model, states, self._places)
         return states
 
     def moved(self, states: np.ndarray, shift: np.ndarray, start_std: np.ndarray) -> np.ndarray:
@@ -102,13 +104,8 @@ class MeasuredStates:
         return self.along(states, (shift * start_std) @ self.start_tangents)
 
     def along(self, states: np.ndarray, tangents: np.ndarray) -> np.ndarray:
-        """(..., nq + nv) states moved by (..., 2 nv), with joints that are tied to measured ones.
-
-        Else a tie would pull both to a place between.
-        """
-        moved = self.physics.space.move(states, tangents)
-        follow_measured(self.physics.simulator.model, moved, self._places)
-        return moved
+        """(..., nq + nv) states moved by (..., 2 nv), not yet `consistent`."""
+        return self.physics.space.move(states, tangents)
 
     def start_std(self, noise: np.ndarray, values: np.ndarray) -> np.ndarray:
         """(S,) prior std of an initial state, for (W, K + 1, D) readings with noise (D,).

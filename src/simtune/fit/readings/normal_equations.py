@@ -62,19 +62,19 @@ def normal_equations(
     return eliminate(hessian, cross, gradient, direct, direct_gradient)
 
 
-def jackknife(equations: NormalEquations, information: np.ndarray) -> np.ndarray:
-    """(P + offsets,) standard deviations, by leaving out each stretch in turn (Tukey 1958).
+def jackknife(by_group: np.ndarray, gradients: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """(P + offsets,) standard deviations, by leaving out each group in turn (Tukey 1958).
 
-    Each takes one Newton step from the full solution: θ₍₋w₎ − θ = (I − I_w)⁻¹ g_w. This captures
-    differences between episodes, such as the load in the hand. A single one shows none: 0.
-    `information`: of all, with the prior.
+    Each takes one Newton step from the full solution: θ₍₋g₎ − θ = (I − I_g)⁻¹ b_g, of (G, P, P)
+    information and (G, P) gradients. This captures differences between episodes, such as the load
+    in the hand. A single group shows none: 0. `information`: of all, with the prior.
     """
-    if len(equations.information) == 1:
+    if len(by_group) == 1:
         return np.zeros(len(information))
-    # Without the only stretch in which a sensor was read its offset is unknown: a ridge.
+    # Without the only group in which a sensor was read its offset is unknown: a ridge.
     ridge = _RIDGE * np.diag(np.diag(information))
-    left = information - equations.information + ridge  # (W, P, P)
-    return jackknife_std(np.linalg.solve(left, equations.shared_gradient[..., None])[..., 0])
+    left = information - by_group + ridge  # (G, P, P)
+    return jackknife_std(np.linalg.solve(left, gradients[..., None])[..., 0])
 
 
 def jackknife_std(moved: np.ndarray) -> np.ndarray:

@@ -10,14 +10,14 @@ import mujoco
 import numpy as np
 
 from simtune.fit.lateness import Lateness
-from simtune.fit.motion.windows import window_starts
 from simtune.fit.physics import Physics
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.parts import parts_to_play
+from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
 from simtune.simulation import AnySimulator, Simulator
-from simtune.simulation.loose_objects import loose_places
+from simtune.simulation.loose_objects import gliding_joints, loose_places
 
 _FAR_AWAY = 1e3  # in units of the model's extent
 
@@ -53,8 +53,8 @@ class OpenLoopReplay:
         """Replays readings in a simulator; `start`: (N,) parameters of an initial world.
 
         Positions that no sensor measures begin as in a simulated episode of that world; but objects
-        that begin anywhere are put where nothing touches them. Derivatives are by parameters that
-        affect motion.
+        that begin anywhere are put where nothing touches them, or touch nothing. Derivatives are by
+        parameters that affect motion.
         """
         assert isinstance(simulator, Simulator), "sensors measure a model's joints"
         still, rng = np.zeros((2, 1, simulator.num_actions)), np.random.default_rng(0)
@@ -66,6 +66,10 @@ class OpenLoopReplay:
             if not np.array_equal(state[place : place + 3], another[place : place + 3]):
                 state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
+        gliding = gliding_joints(simulator.model, measured_places(sensors))
+        if differs[simulator.model.jnt_qposadr[gliding]].any():
+            trees = simulator.model.body_rootid[simulator.model.jnt_bodyid[gliding]]
+            simulator = simulator.without_contacts(np.isin(simulator.model.body_rootid, trees))
         physics = Physics(simulator, observation.observe_beside(), full_state)
         unseen = _unseen(simulator.model, differs, measured_places(sensors))
         fitted = np.flatnonzero(~simulator.space.is_appearance)
@@ -103,28 +107,32 @@ class OpenLoopReplay:
         steps: int | None = None,
         at_most: int | None = None,
     ) -> Stretches:
-        """Stretches of `steps` steps, by default whole episodes, that begin with a reading.
+        """Stretches of `steps` steps, see `Segments.evenly`; `unit`: (N,)."""
+        return self.cut_at(readings, unit, offsets, Segments.evenly(readings, steps, at_most))
 
-        `at_most`: limit on their number, spread evenly; `unit`: (N,).
-        """
-        states, drift = self.measured.as_read(readings.values, offsets), None
+    def cut_at(
+        self, readings: Readings, unit: np.ndarray, offsets: np.ndarray, segments: Segments
+    ) -> Stretches:
+        """Stretches of these segments; shorter ones are padded with NaN and later actions."""
+        parameters, drift = self._parameters(unit), None
+        states = self.measured.as_read(readings.values, offsets, parameters)
         if self.lateness is not None:
             by_step = self.measured.change_per_late_step(states)
             states = self.physics.space.move(states, Lateness.steps(unit[-1]) * by_step)
             drift = Lateness.steps_per_unit() * by_step
-        left = self.physics.replay_actuators(readings.actions, states, self._parameters(unit))
-        num_steps = readings.actions.shape[1]
-        length = num_steps if steps is None else min(steps, num_steps)
-        may_begin = np.asarray(np.isfinite(readings.values).any(-1))
-        may_begin[:, 0] = True  # its episode would be lost
-        episode, step = window_starts(may_begin, length, at_most)
-        frames = step[:, None] + np.arange(length + 1)
+        left = self.physics.replay_actuators(readings.actions, states, parameters)
+        episode, begin, steps = segments
+        rows = np.arange(steps.max() + 1)
+        frames = np.minimum(begin[:, None] + rows, readings.values.shape[1] - 1)
+        acting = np.minimum(frames[:, :-1], readings.actions.shape[1] - 1)
+        is_within = (rows <= steps[:, None])[..., None]
         return Stretches(
-            readings.actions[episode[:, None], frames[:, :-1]],
-            readings.values[episode[:, None], frames],
-            states[episode, step],
-            left[episode, step],
-            None if drift is None else drift[episode, step],
+            readings.actions[episode[:, None], acting],
+            np.where(is_within, readings.values[episode[:, None], frames], np.nan),
+            states[episode, begin],
+            left[episode, begin],
+            episode,
+            None if drift is None else drift[episode, begin],
         )
 
     def play(
@@ -137,6 +145,7 @@ class OpenLoopReplay:
         """
         (groups, num, size), lateness = states.shape, self.lateness
         states, units = states.reshape(-1, size), np.repeat(units, num, 0)
+        states = self.measured.consistent.near(states, self._parameters(units))
         left = stretches.actuator_states
         predicted = np.empty((len(states), *stretches.values.shape[1:]))
         first = np.empty((len(states), left.shape[-1]))
@@ -164,10 +173,11 @@ class OpenLoopReplay:
 def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: list[int]) -> tuple[str, ...]:
     """Unmeasured joints whose position (nq,) differs between episodes.
 
-    Without the objects of `loose_joints`.
+    Without those of loose and gliding objects.
     """
     differs = differs.copy()
     differs[measured] = False
+    differs[model.jnt_qposadr[gliding_joints(model, measured)]] = False
     for place in loose_places(model):
         differs[place : place + 7] = False
     ends = [*model.jnt_qposadr[1:], model.nq]

@@ -26,13 +26,15 @@ from simtune.budget import Budget
 from simtune.fit.elimination import NormalEquations
 from simtune.fit.lateness import Lateness
 from simtune.fit.readings.differences import differentiate, refresh
+from simtune.fit.readings.growth import follow
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.replay_objective import Guess, Point, ReplayObjective
 from simtune.fit.readings.residuals import correlation_times, spread
+from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.slopes import Groups, StretchSlopes
 from simtune.fit.readings.stretches import Readings
-from simtune.observation import usual_noise
+from simtune.observation import assumed_noise
 
 _FIRST_DAMPING = 1e-2
 _DAMPING = (1e-4, 1e6)
@@ -47,6 +49,10 @@ class ReplayStage(NamedTuple):
     iterations: int
     steps: int | None = None  # of a stretch; by default the whole episode
     at_most: int | None = None  # limit on the number of stretches
+    segments: Segments | None = None  # in place of these
+
+    def segments_of(self, readings: Readings) -> Segments:
+        return self.segments or Segments.evenly(readings, self.steps, self.at_most)
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,8 @@ class OutputErrorMethod:
         `near`: a descent of the same stage, whose derivatives are used at first.
         """
         loop = self._loop
-        stretches = loop.cut(readings, begin.unit, begin.offsets, stage.steps, stage.at_most)
+        segments = stage.segments_of(readings)
+        stretches = loop.cut_at(readings, begin.unit, begin.offsets, segments)
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         derived_s = self.num_worlds * (time.monotonic() - began_s)
@@ -124,6 +131,10 @@ class OutputErrorMethod:
         )
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
         return self._iterate(begun, stage.iterations, budget, derived_s if near is None else 0.0)
+
+    def follow(self, readings: Readings, guess: Guess) -> Segments:
+        """Whole episodes, or the segments of them that replay can follow."""
+        return follow(self._loop, readings, guess.unit, guess.offsets)
 
     @property
     def num_worlds(self) -> int:
@@ -191,7 +202,7 @@ class OutputErrorMethod:
         own, size = num - (self._loop.lateness is not None), len(self._loop.physics.parameters)
         is_known = np.isfinite(residuals)[:, None]
         # Not at `noise`: a reading that the model explains badly would seem to show little
-        seen = slopes.by_parameter[:, :own] * is_known / usual_noise(self._loop.sensors)
+        seen = slopes.by_parameter[:, :own] * is_known / assumed_noise(self._loop.sensors)
         shown = np.square(seen).sum((0, 2))  # (P, D)
         return OutputErrorFit(
             unit=point.unit[:size],
@@ -207,10 +218,14 @@ class OutputErrorMethod:
 def _scatter(
     ended: Descent, slopes: StretchSlopes, noise: np.ndarray, equations: NormalEquations
 ) -> np.ndarray:
-    """(P + offsets,) standard deviations by leaving out stretches, or parts of a single one."""
-    objective, point = ended.objective, ended.point
-    if len(equations.information) > 1:
-        return jackknife(equations, objective.with_prior(equations, point)[0])
+    """(P + offsets,) standard deviations by leaving out episodes, or stretches of a single one.
+
+    Or parts of a single stretch.
+    """
+    objective, point, episode = ended.objective, ended.point, ended.objective.stretches.episode
+    if len(episode) > 1:
+        alone = np.arange(len(episode)) if (episode == episode[0]).all() else episode
+        return jackknife(*equations.by_group(alone), objective.with_prior(equations, point)[0])
     moved = []
     for part in np.array_split(np.arange(slopes.predicted.shape[1]), _PARTS):
         left = objective.equations(point, slopes, noise, part)

@@ -7,16 +7,17 @@ import numpy as np
 from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics, is_lost
 from simtune.fit.readings.differences import DifferencePoint, differentiate
+from simtune.fit.readings.growth import follow, growth
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import (
     ObservationModel,
+    assumed_noise,
     finds_offset,
     joints_of,
     units_of,
-    usual_noise,
 )
 from simtune.simulation import Simulator
 
@@ -88,13 +89,17 @@ class ReplayedReadings:
         if readings is None:
             starts = played.states[:, 0]
             states = physics.states(starts)
-            self._stretches = Stretches(played.actions, played.observed, states, starts)
+            each = np.arange(len(starts))
+            self._stretches = Stretches(played.actions, played.observed, states, starts, each)
+            self._followed = None
             return
         few = Readings(
             readings.actions[:MOST_EPISODES, :steps], readings.values[:MOST_EPISODES, : steps + 1]
         )
         no_offsets = np.zeros(few.values.shape[-1])
         self._stretches = self._loop.cut(few, self._unit, no_offsets)
+        segments = follow(self._loop, few, self._unit, no_offsets)
+        self._followed = self._loop.cut_at(few, self._unit, no_offsets, segments)
 
     def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
         """For (N, N) parameters, one changed in each row; noise (D,) of independent readings.
@@ -108,39 +113,35 @@ class ReplayedReadings:
         kept = np.asarray((moved < _TOO_FAR).all((0, 2, 3)) & ~is_lost(predicted).any(0))
         if not kept.any():
             raise RuntimeError(_ASTRAY)
-        away = (predicted[1:] - predicted[0])[:, kept]
-        growth = np.full(len(kept), np.nan)
-        information, growth[kept] = self._derived(self._stretches.of(kept), noise)
+        away, whole = (predicted[1:] - predicted[0])[:, kept], self._stretches.of(kept)
+        grown = np.full(len(kept), np.nan)
+        grown[kept] = growth(self._loop, whole, self._unit).max(1)
         return ReadingChanges(
             labels=self._labels,
             units=units_of(self._loop.sensors),
             rms=np.sqrt(np.square(away).mean((1, 2))),
             largest=np.abs(away).max((1, 2)),
             noise=noise,
-            information=information,
-            growth=growth,
+            information=self._information(self._followed or whole, noise) * self._share(whole),
+            growth=grown,
         )
 
-    def _derived(self, stretches: Stretches, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, N) Fisher information, and the `growth` in each stretch.
+    def _share(self, stretches: Stretches) -> float:
+        """How many times as many frames there are in all as in these."""
+        return self._num_frames / np.isfinite(stretches.values).any(-1).sum()
 
-        Offsets, lateness and initial states are marginalised.
-        """
+    def _information(self, stretches: Stretches, noise: np.ndarray) -> np.ndarray:
+        """(N, N) Fisher information; offsets, lateness and initial states are marginalised."""
         loop, unit, num = self._loop, self._unit, len(self._unit)
         if self._may_be_late:  # as in a fit
             loop, unit = loop.with_lateness(), np.append(unit, Lateness.unit(0.0))
-        usual = usual_noise(loop.sensors)
-        start_std = loop.measured.start_std(usual, stretches.values)
-        at = DifferencePoint(stretches, stretches.states, unit, start_std)
-        slopes = differentiate(loop, at)
+        start_std = loop.measured.start_std(assumed_noise(loop.sensors), stretches.values)
+        slopes = differentiate(loop, DifferencePoint(stretches, stretches.states, unit, start_std))
         nothing_left = 0 * stretches.values  # NaN where nothing was read
         offsets = finds_offset(loop.sensors)
         by_start = loop.starts_by_shared(stretches, offsets) / start_std
         shared = by_shared(slopes, offsets, by_start)
         equations = normal_equations(slopes.by_start, shared, nothing_left, noise)
-        num_frames = np.isfinite(stretches.values).any(-1).sum()
-        total = equations.information.sum(0) * self._num_frames / num_frames
+        total = equations.information.sum(0)
         mixed, others = total[:num, num:], total[num:, num:]
-        information = total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T
-        by_position = slopes.by_start[:, : slopes.by_start.shape[1] // 2]
-        return information, np.abs(by_position / usual).max((1, 2, 3), initial=0.0)
+        return total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T

@@ -47,6 +47,7 @@ class Stretches(NamedTuple):
     values: np.ndarray  # (W, K + 1, D)
     states: np.ndarray  # (W, nq + nv) initial states, as far as readings say
     actuator_states: np.ndarray  # (W, S) with what earlier actions left behind
+    episode: np.ndarray  # (W,)
     # (W, 2 nv) derivative of `states` by a lateness's unit coordinate; None: there is no lateness
     drift: np.ndarray | None = None
 
@@ -57,6 +58,7 @@ class Stretches(NamedTuple):
             values=self.values[chosen],
             states=self.states[chosen],
             actuator_states=self.actuator_states[chosen],
+            episode=self.episode[chosen],
             drift=None if self.drift is None else self.drift[chosen],
         )
 

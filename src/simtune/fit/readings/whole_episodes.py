@@ -6,7 +6,7 @@ from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.normal_equations import normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.stretches import Readings, Stretches, unread_rows
-from simtune.observation import usual_noise
+from simtune.observation import assumed_noise
 
 _FIRST, _ITERATIONS = 5, 3  # steps used for the initial state
 _GUESSED = 10.0  # added to the factor on its std for each row that was not read
@@ -47,7 +47,7 @@ def _explaining(
     loop: OpenLoopReplay, first: Stretches, unit: np.ndarray, offsets: np.ndarray, unread: int
 ) -> np.ndarray:
     """(W, nq + nv) initial states that explain the first steps best, of which some are `unread`."""
-    noise, states = usual_noise(loop.sensors), first.states
+    noise, states = assumed_noise(loop.sensors), first.states
     start_std = loop.measured.start_std(noise, first.values) * (1 + _GUESSED * unread)
     if not len(start_std):  # only velocities are read
         return states

@@ -11,7 +11,7 @@ from typing import Any
 from simtune.errors import InputError
 from simtune.recordings.lerobot.layout import Layout, unexpected
 from simtune.recordings.lerobot.listed import Listed, list_episodes
-from simtune.recordings.source import MOST_ROWS
+from simtune.recordings.source import MOST_ROWS, MOST_UNFILMED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +22,7 @@ class Episode:
     num_rows: int
     first_index: int | None  # of its first row among the dataset's rows; None: not listed
     data_file: Path
-    video_file: Path | None  # None: no camera was chosen
+    video_file: Path | None  # None: of no camera, or of one whose pictures are in the data file
     from_s: float  # its start in the video file, seconds
     until_s: float = math.inf  # the next episode's; infinite: the file has no further one
 
@@ -30,7 +30,10 @@ class Episode:
 def read_episodes(
     folder: Path, info: dict[str, Any], layout: Layout, camera: str | None
 ) -> tuple[Episode, ...]:
-    """All episodes, sorted by index. Raises InputError if the list is inconsistent."""
+    """All episodes, sorted by index; `camera`: key of the videos, None: none are needed.
+
+    Raises InputError if the list is inconsistent.
+    """
     data_path = _template(folder, info, "data_path", layout)
     video_path = _template(folder, info, "video_path", layout)
 
@@ -74,12 +77,16 @@ def _check(listed: Listed) -> None:
 
 
 def _set_ends(episodes: dict[int, Episode], fps: float) -> None:
-    """Set `until_s`. Raises InputError if a frame of a video belongs to two episodes."""
+    """Set `until_s`. Raises InputError if frames of a video belong to two episodes.
+
+    A video that was shorter than its rows by a few frames is followed by the next one's all the
+    same: these rows have no frame.
+    """
     in_order = sorted(episodes.values(), key=lambda its: (str(its.video_file), its.from_s))
     for before, after in itertools.pairwise(in_order):
         if before.video_file != after.video_file:
             continue
-        if after.from_s < before.from_s + (before.num_rows - 0.5) / fps:
+        if after.from_s < before.from_s + (before.num_rows - MOST_UNFILMED - 0.5) / fps:
             raise InputError(
                 f"{after.video_file}: episode {after.index} starts at {after.from_s:g} s, before "
                 f"episode {before.index} ends; the timestamps in meta/episodes are wrong"

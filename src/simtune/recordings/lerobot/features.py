@@ -45,21 +45,20 @@ def readings(features: dict[str, Any]) -> tuple[Reading, ...]:
     return tuple(found)
 
 
-def choose_video(folder: Path, features: dict[str, Any], camera: str | None) -> str:
-    """Key of the chosen camera. Raises InputError if there is no such camera."""
+def choose_pictures(folder: Path, features: dict[str, Any], camera: str | None) -> tuple[str, bool]:
+    """Key of the chosen camera, and whether it has videos; else its pictures are stored one by one.
+
+    Raises InputError if there is no such camera.
+    """
     dtypes = {key: f.get("dtype") for key, f in features.items() if isinstance(f, dict)}
-    cameras = [key for key, dtype in dtypes.items() if dtype == "video"]
-    if not cameras and "image" in dtypes.values():
-        raise InputError(
-            f"{folder}: its pictures are stored one by one; expected videos, "
-            "record it with lerobot's use_videos=True"
-        )
+    cameras = [key for key, dtype in dtypes.items() if dtype in ("video", "image")]
     if not cameras:
         raise InputError(
-            f"{folder}: no camera, that is no feature of dtype 'video'; "
+            f"{folder}: no camera, that is no feature of dtype 'video' or 'image'; "
             f"there are: {short(list(features))}"
         )
-    return choose_camera(folder, cameras, camera, IMAGES_PREFIX + "{}")
+    key = choose_camera(folder, cameras, camera, IMAGES_PREFIX + "{}")
+    return key, dtypes[key] == "video"
 
 
 def _num_values(feature: dict[str, Any]) -> int | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from simtune.errors import InputError
 from simtune.recordings.lerobot.episodes import Episode, read_episodes
-from simtune.recordings.lerobot.features import action_names, choose_video, readings
+from simtune.recordings.lerobot.features import action_names, choose_pictures, readings
 from simtune.recordings.lerobot.json_file import read_object
 from simtune.recordings.lerobot.layout import INFO_PATH, layout_of, unexpected
 from simtune.recordings.source import LEAST_FPS, MOST_FPS, Reading, is_rate
@@ -18,7 +18,7 @@ class DatasetMeta:
 
     version: str  # of the format
     fps: float
-    camera: str | None  # key of the chosen camera
+    camera: str | None  # key of the chosen camera; its pictures may be videos or images
     action_names: tuple[str, ...]
     readings: tuple[Reading, ...]
     robot_type: str | None
@@ -28,8 +28,8 @@ class DatasetMeta:
 def read_meta(folder: Path, camera: str | None = None, *, pictures: bool = True) -> DatasetMeta:
     """Read and check meta/ of a LeRobotDataset v3.0, v2.1 or v2.0.
 
-    `camera` is a video key, with or without "observation.images."; it may be None if there is only
-    one. Without `pictures`, no camera is chosen.
+    `camera` is a feature's key, with or without "observation.images."; it may be None if there is
+    only one. Without `pictures`, no camera is chosen.
 
     Raises:
         InputError: the folder is not a sound dataset, or has no such camera; the message says why
@@ -49,7 +49,7 @@ def read_meta(folder: Path, camera: str | None = None, *, pictures: bool = True)
     if not isinstance(features, dict):
         raise unexpected(folder, "an object 'features'", features)
     names = action_names(folder, features)
-    camera = choose_video(folder, features, camera) if pictures else None
+    camera, has_videos = choose_pictures(folder, features, camera) if pictures else (None, False)
     return DatasetMeta(
         version=str(version),
         fps=float(fps),
@@ -57,5 +57,5 @@ def read_meta(folder: Path, camera: str | None = None, *, pictures: bool = True)
         action_names=names,
         readings=readings(features),
         robot_type=robot_type if isinstance(robot_type, str) else None,
-        episodes=read_episodes(folder, info, layout, camera),
+        episodes=read_episodes(folder, info, layout, camera if has_videos else None),
     )

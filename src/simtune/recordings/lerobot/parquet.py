@@ -1,6 +1,7 @@
-"""Reads columns of numbers from parquet files, no more than fit into memory."""
+"""Opens parquet files, and reads columns of numbers, no more than fit into memory."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,27 +14,37 @@ from simtune.recordings.source import short
 
 # Of a column: 240 MB. A file's size does not tell: a few kB can encode as many equal values.
 _MOST_VALUES = 30_000_000
+_BUFFER_BYTES = 1 << 20
 _LISTS = (pa.ListType, pa.LargeListType, pa.FixedSizeListType)
 
 
 def read_table(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> pa.Table:
     """Read columns of numbers or of lists of numbers. Raises InputError if missing or damaged."""
+    with open_table(path, columns) as file:
+        there = file.schema_arrow.names
+        wanted = [*columns, *(column for column in optional if column in there)]
+        for column in wanted:
+            if not _holds_numbers(file.schema_arrow.field(column).type):
+                raise InputError(f"{path}: expected numbers in column {column!r}")
+            _check_size(path, file, column)
+        # Asked for "a", pyarrow reads "a.b" as well.
+        return file.read(wanted).select(wanted)
+
+
+@contextmanager
+def open_table(path: Path, columns: Sequence[str]) -> Iterator[pq.ParquetFile]:
+    """A file that has these columns. Raises InputError if it is missing, damaged, or lacks one."""
     if not path.is_file():
         raise InputError(f"{path}: missing, though the dataset's meta files name it")
     try:
-        with pq.ParquetFile(path) as file:
+        # Buffered: else a column of a row group, such as its pictures, is in memory as a whole.
+        with pq.ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False) as file:
             there = file.schema_arrow.names
             missing = [column for column in columns if column not in there]
             if missing:
                 names = [name for name in there if not name.startswith("stats/")]
                 raise InputError(f"{path}: no column {missing[0]!r}; there are: {short(names)}")
-            wanted = [*columns, *(column for column in optional if column in there)]
-            for column in wanted:
-                if not _holds_numbers(file.schema_arrow.field(column).type):
-                    raise InputError(f"{path}: expected numbers in column {column!r}")
-                _check_size(path, file, column)
-            # Asked for "a", pyarrow reads "a.b" as well.
-            return file.read(wanted).select(wanted)
+            yield file
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         reason = (str(error).splitlines() or ["damaged"])[0].rstrip(". ")
         # The message may quote damaged bytes, which must not reach a terminal.

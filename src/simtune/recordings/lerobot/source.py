@@ -12,10 +12,13 @@ from simtune.columns import counted
 from simtune.errors import InputError
 from simtune.recordings import video
 from simtune.recordings.lerobot.episodes import Episode
+from simtune.recordings.lerobot.images import episode_pictures, stored_pictures
 from simtune.recordings.lerobot.meta import read_meta
 from simtune.recordings.lerobot.parquet import lists, numbers, read_table
+from simtune.recordings.lerobot.unfilmed import NEAR, num_unfilmed, shown_s
 from simtune.recordings.readings import gather
-from simtune.recordings.source import Reading, Rows, first_wrong
+from simtune.recordings.source import MOST_UNFILMED, Reading, Rows, first_wrong
+from simtune.recordings.still import kind_of
 
 
 class LeRobotSource:
@@ -34,10 +37,14 @@ class LeRobotSource:
         self.files: Sequence[Path] = [*tables, *videos]
         # The latest file is kept, since the next episode is usually in it.
         self._data = functools.lru_cache(maxsize=1)(_read_data)
+        self._shown_s = functools.lru_cache(maxsize=1)(shown_s)
 
     @property
     def codec(self) -> str:
-        return video.probe(self._video(self._episodes[0])).codec
+        first = self._episodes[0]
+        if first.video_file:
+            return video.probe(first.video_file).codec
+        return kind_of(next(stored_pictures(first.data_file, self._key, [0])))
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         where = self._episodes[episode]
@@ -64,21 +71,31 @@ class LeRobotSource:
             return self._lists(rows[key], num, f"numbers of {key!r}", where)
 
         found = gather(readings, len(rows), read)
-        return Rows(actions, times_s, float(times_s[-1]), found)
+        unfilmed = 0
+        if where.video_file is not None:
+            asked_s = where.from_s + times_s
+            seen_s = self._shown_s(where.video_file)
+            unfilmed = num_unfilmed(seen_s, asked_s, where.until_s, self.fps)
+        until_s = float(times_s[-1 - unfilmed])
+        return Rows(actions, times_s, until_s, found, unfilmed=unfilmed)
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         where = self._episodes[episode]
-        # A little more than half a frame: midway between two frames, either is accepted.
-        frames = video.frames_at(
-            self._video(where), (where.from_s + times_s).tolist(), tolerance_s=0.51 / self.fps
-        )
-        for shown_s, picture in frames:
-            yield shown_s - where.from_s, picture
-
-    def _video(self, where: Episode) -> Path:
         if where.video_file is None:
+            yield from episode_pictures(where, self._key, times_s, self.fps)
+            return
+        frames = video.frames_at(
+            where.video_file, (where.from_s + times_s).tolist(), tolerance_s=NEAR / self.fps
+        )
+        for time_s, picture in frames:
+            yield time_s - where.from_s, picture
+
+    @property
+    def _key(self) -> str:
+        """Of the camera's pictures."""
+        if self.camera is None:
             raise ValueError("it was opened without pictures")
-        return where.video_file
+        return self.camera
 
     def _check_order(self, rows: pa.Table, where: Episode) -> None:
         """Raise InputError unless rows are frames 0, 1, 2, ... of the episode that meta/ names."""
@@ -101,7 +118,8 @@ class LeRobotSource:
         """(T,) seconds since the episode's start in its video, exactly 1/fps apart.
 
         As in lerobot, they need not begin at 0: rows may have been cut off. Raises InputError
-        unless timestamps are 1/fps apart and lie within the episode's part of the video.
+        unless timestamps are 1/fps apart and lie within the episode's part of the video, but for
+        the few last that recorders may lose.
         """
         start_s = float(np.nan_to_num(timestamp_s[0]))
         times_s = start_s + np.arange(len(timestamp_s)) / self.fps
@@ -112,7 +130,7 @@ class LeRobotSource:
                 f"{times_s[row]:g} s at {self.fps:g} frames/s, got {timestamp_s[row]:g} s; "
                 "is fps in meta/info.json right?"
             )
-        if where.from_s + times_s[-1] > where.until_s - 0.5 / self.fps:
+        if where.from_s + times_s[-1] > where.until_s + (MOST_UNFILMED - 0.5) / self.fps:
             raise InputError(
                 f"{self.path}: episode {where.index}: timestamps from {start_s:g} s to "
                 f"{times_s[-1]:g} s; expected seconds since its first frame, of "

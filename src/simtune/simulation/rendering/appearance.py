@@ -14,7 +14,7 @@ _MOST_FOCUSED = 128.0  # exponent of a spotlight
 _LIGHTS = mujoco.mjtLightType
 _SPOT, _DIRECTIONAL = _LIGHTS.mjLIGHT_SPOT.value, _LIGHTS.mjLIGHT_DIRECTIONAL.value
 _POINT, _IMAGE = _LIGHTS.mjLIGHT_POINT.value, _LIGHTS.mjLIGHT_IMAGE.value
-NUM_GROUPS = 3  # that are seen, the first of those that there are
+NUM_GROUPS = 3  # of geoms that are seen, the first ones; the others are for contacts
 _UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 _MOST_LAMPS = 8  # at once, with the headlight
 # OpenGL "ignores unsupported light types", says MuJoCo's source; they count as lamps nevertheless

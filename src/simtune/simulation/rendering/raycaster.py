@@ -60,20 +60,25 @@ class Raycaster:
         if not model.nflex and not (model.geom_group < NUM_GROUPS).any():
             raise InputError(_NOTHING_TO_DRAW)
         init_warp(device)
-        self.size, self._device = size, device
-        num_threads, is_cpu = num_threads or _num_cores(), device == "cpu"
+        self.size = size
+        self._device = device
+        num_threads = num_threads or _num_cores()
+        is_cpu = device == "cpu"
         self._alone: Callable[[], Raycaster] | None = None  # draws one picture
         if not is_cpu and size[0] * size[1] <= _ONE:
             settings = (1, plate, background_is_unknown)
             self._alone = cache(partial(Raycaster, model, space, camera, size, *settings))
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
-        model, sky = as_opengl_reads(model), None
+        model = as_opengl_reads(model)
+        sky = None
         if plate is not None:
             check_stands_still(model, camera)
-            model, sky = before_plate(model, space), packed(plate)
+            model = before_plate(model, space)
+            sky = packed(plate)
         elif background_is_unknown:
-            model, sky = before_plate(model, space), np.full(size, _GREY, np.uint32)
+            model = before_plate(model, space)
+            sky = np.full(size, _GREY, np.uint32)
         elif can_turn(model, space, model.camera(camera).id):
             model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / size[0])
         else:

@@ -5,14 +5,16 @@ from collections.abc import Collection
 from contextlib import nullcontext
 from functools import partial
 from threading import Lock
+from typing import Any
 
 import mujoco
 import mujoco_warp
 import numpy as np
 import warp
 from mujoco.batch import Batch
+from mujoco_warp import Data, Model, RenderContext
 
-from simtune.parameters import ModelWriter, field_of
+from simtune.parameters import ModelWriter, ParameterSpace, field_of
 from simtune.simulation.rendering import packing
 from simtune.simulation.rendering.appearance import focus, kinds_of_lamps, most_matt
 from simtune.simulation.rendering.packing import packed
@@ -30,46 +32,69 @@ _LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own sh
 class Context:
     """One thread's worlds for the poses, and Warp's copies of model and data."""
 
-    def __init__(self, model, space, camera, size, sky, num_worlds, num_threads):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        space: ParameterSpace,
+        camera: str,
+        size: tuple[int, int],
+        sky: np.ndarray | None,
+        num_worlds: int,
+        num_threads: int,
+    ):
+        """`size`: (height, width) of at most `num_worlds` pictures at once.
+
+        `sky`: (H, W) packed pixels behind everything; None: the ray caster draws it.
+        """
         self._num_worlds = num_worlds
         self._worlds = Batch(model, num_worlds, nthread=num_threads)
         self._writer = ModelWriter(space, model)
         fields = {p.field for p in space}
         self._drawn = sorted(f for f in fields if field_of(f).is_drawn_per_world)
         self._kinds_of_lamps = model.light_type.copy()  # (lights,)
-        self._written: np.ndarray | None = None
+        self._written: np.ndarray | None = None  # parameters of the last chunk
         self._casts_shadow = model.light_castshadow.astype(bool)  # (lights,)
         self._has_flexes = model.nflex > 0
         self._poses = (*_POSES, "flexvert_xpos") if self._has_flexes else _POSES
         for name in self._poses:
             self._worlds.bind(name)  # unbound fields are not computed
+        self._make = partial(
+            make_context,
+            model,
+            camera,
+            size,
+            fields,
+            nworld=num_worlds,
+            render_skybox=sky is None,
+            use_precomputed_rays="cam_fovy" not in fields,
+        )
         with _COMPILING:
-            self._model = put_model(model)
-            self._data = mujoco_warp.make_data(model, nworld=num_worlds)
-            self._make = partial(
-                make_context,
-                model,
-                camera,
-                size,
-                fields,
-                nworld=num_worlds,
-                render_skybox=sky is None,
-                use_precomputed_rays="cam_fovy" not in fields,
-            )
-            self._warp_context = self._make()
-            self._with_shadows = None  # made when it is needed first: it takes time
-            self._primitives: Primitives | None = None
-            if Primitives.can_draw(self._warp_context):
-                self._primitives = Primitives(model, self._warp_context)
-            self._device = self._warp_context.rgb_data.device
-            warp.load_module(packing, device=self._device)
+            self._load_warp(model)
+        self._prepare_unpacking(size, sky)
+
+    def _load_warp(self, model: mujoco.MjModel) -> None:
+        """Warp's copies of model and data, and what draws them."""
+        self._model = put_model(model)
+        self._data = mujoco_warp.make_data(model, nworld=self._num_worlds)
+        self._warp_context = self._make()
+        # Made when it is needed first: it takes time
+        self._with_shadows: RenderContext | None = None
+        self._primitives: Primitives | None = None
+        if Primitives.can_draw(self._warp_context):
+            self._primitives = Primitives(model, self._warp_context)
+        self._device = self._warp_context.rgb_data.device
+        warp.load_module(packing, device=self._device)
+
+    def _prepare_unpacking(self, size: tuple[int, int], sky: np.ndarray | None) -> None:
+        """What packed pixels become pictures with."""
         num_pixels = size[0] * size[1]
         self._sky = self._pixels(np.empty((0, num_pixels)) if sky is None else sky.reshape(1, -1))
         is_cpu = self._device.is_cpu
         self._run = size[1] if is_cpu else 1  # of pixels that a thread unpacks
         self._rgb: warp.array | None = None  # on a GPU, where pictures are copied from
         if not is_cpu:
-            self._rgb = warp.empty((num_worlds, num_pixels, 3), dtype=warp.uint8)  # type: ignore
+            shape = self._num_worlds, num_pixels, 3
+            self._rgb = warp.empty(shape, dtype=warp.uint8)  # type: ignore
 
     def render(
         self,
@@ -112,7 +137,7 @@ class Context:
         with _COMPILING if context._megakernel is None else nullcontext():
             return _draw(self._model, self._data, context)
 
-    def _shadowing(self, in_world: np.ndarray):
+    def _shadowing(self, in_world: np.ndarray) -> RenderContext:
         """The render context of worlds of which those `in_world`, (n,) bool, have shadows."""
         if self._with_shadows is None:
             with _COMPILING:
@@ -162,12 +187,21 @@ def init_warp(device: str = "cpu") -> None:
     warp.set_device(device)
 
 
-def make_context(model, camera, size, tuned: Collection[str] = (), **settings):
-    """`tuned`: fields that worlds differ in."""
+def make_context(
+    model: mujoco.MjModel,
+    camera: str | int,
+    size: tuple[int, int],
+    tuned: Collection[str] = (),
+    **settings: Any,
+) -> RenderContext:
+    """For pictures of `size`, (height, width); `tuned`: fields that worlds differ in.
+
+    `settings`: further ones of mujoco_warp's.
+    """
     context = mujoco_warp.create_render_context(
         model,
-        cam_res=size[::-1],
-        cam_active=[camera],
+        cam_res=(size[1], size[0]),
+        cam_active=[model.camera(camera).id],
         render_rgb=True,
         render_depth=False,
         render_seg=False,
@@ -182,14 +216,14 @@ def make_context(model, camera, size, tuned: Collection[str] = (), **settings):
     return context
 
 
-def _draw(model, data, context) -> warp.array:
+def _draw(model: Model, data: Data, context: RenderContext) -> warp.array:
     """(nworld, H · W) packed pixels."""
     mujoco_warp.refit_bvh(model, data, context)
     mujoco_warp.render(model, data, context)
     return context.rgb_data
 
 
-def assign(target, values: np.ndarray) -> None:
+def assign(target: warp.array, values: np.ndarray) -> None:
     """Values of n worlds to the first n of Warp's own."""
     if values.size:
         shape = (len(values), *target.shape[1:], *target.dtype._shape_)

@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -84,6 +85,25 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
             _without_form(model, parameter, values)
 
 
+def check_factor(model: mujoco.MjModel, parameter: Parameter, named: Iterable[str]) -> None:
+    """Raises InputError if the factor on several objects leaves one of those `named` as it is.
+
+    A pattern may choose such objects beside others.
+    """
+    if not parameter.is_factor:
+        return
+    for name in named:
+        one = replace(parameter, objects=(name,))
+        values = own_values(model, one)
+        if parameter.field_info.form != "itself":
+            values = _without_form(model, one, values)
+        if not values.any():
+            raise InputError(
+                f"{name} has 0 there ({parameter.field}), so a factor does not change it: leave it "
+                "out, give it another value in the model, or a parameter of its own"
+            )
+
+
 def check_gains(model: mujoco.MjModel, actuators: Iterable[str]) -> None:
     """Raises InputError for actuators of which no number is a gain."""
     for name in actuators:
@@ -106,7 +126,12 @@ def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
         values = _without_form(model, parameter, values)
     if parameter.is_factor:
         if not values.any():
-            raise InputError(f"{parameter.field} is 0 there, so a factor changes nothing")
+            of, _, attribute = parameter.field.partition("_")
+            one = f"the joints a {attribute}" if of in ("dof", "jnt") else "it another value"
+            raise InputError(
+                f"{parameter.field} is 0 there, so a factor changes nothing: give {one} in the "
+                "model"
+            )
         return 1.0
     if values.size and (values == values.flat[0]).all():
         return float(str(values.flat[0]))  # a single-precision 0.7 is 0.7

@@ -13,6 +13,7 @@ from simtune.simulation import prepare_spec
 from simtune.tasks.known_colours import known_colour
 from simtune.tasks.tuning_file.field_defaults import (
     check_component,
+    check_factor,
     check_field,
     check_gains,
     check_objects,
@@ -134,6 +135,9 @@ def _number(
     name, nominal = draft.name, entry.number("nominal", None)
     if nominal is None:
         nominal = own_nominal(model, draft)
+    if "objects" in entry:
+        with entry.at("objects"):
+            check_factor(model, draft, [o for o in entry.names("objects") if o in objects])
     if nominal < 0 and draft.field_info.is_never_negative:
         raise entry.error(f"{name}: {field} cannot be negative, got {nominal:g}", "nominal")
     low, high, scale = usual_range(model, draft, nominal)

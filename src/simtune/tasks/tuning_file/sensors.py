@@ -64,15 +64,16 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         bound = f"lie in [0, {_LONGEST_LATENCY_S:g}] s"
         raise entry.error(f"latency_s must {bound}, got {latency_s:g}", "latency_s")
     addresses = model.jnt_dofadr if is_velocity else model.jnt_qposadr
-    plays = None
+    geared = plays = np.zeros(0, int)
     if entry.flag("behind_backlash", default=False):
-        plays = _plays(entry, model, ids, addresses)
+        geared, plays = _plays(entry, model, ids)
     return JointSensor(
         name=entry.text("name"),
         columns=columns,
         joints=names,
         places=addresses[ids].copy(),
-        plays=plays,
+        geared=geared,
+        play_places=addresses[plays].copy(),
         is_velocity=is_velocity,
         unit=_own_unit(model, ids) + "/s" * is_velocity,
         factor=factor,
@@ -91,13 +92,14 @@ def _endless(model: mujoco.MjModel, ids: np.ndarray) -> np.ndarray | None:
 
 
 def _plays(
-    entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, addresses: np.ndarray
-) -> np.ndarray:
-    """(D,) addresses of the joints' plays in qpos or qvel; -1: no play."""
+    entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(G,) which of the joints have backlash, and the (G,) ids of the joints of it."""
     plays = np.array([play_of(model, joint) for joint in ids])
-    if plays.max() < 0:
+    (geared,) = np.nonzero(plays >= 0)
+    if not len(geared):
         raise entry.error("none of the joints has one: declare [[backlash]]", "behind_backlash")
-    return np.where(plays < 0, -1, addresses[plays])
+    return geared, plays[geared]
 
 
 def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:

@@ -47,14 +47,17 @@ class Primitives:
         self._device = device = context.rgb_data.device
         for module in (scene, kernel):
             wp.load_module(module, device=device)  # compiles it
-        self._context, self._camera = context, int(context.cam_id_map.numpy()[0])
+        self._context = context
+        self._camera = int(context.cam_id_map.numpy()[0])
         self._run = int(context.cam_res.numpy()[0][0]) if device.is_cpu else 1  # of pixels
         self._half_height = _half_height(model.cam_fovy[self._camera])
-        self._around, self._headlight = _surroundings(model, self._camera), _headlight(model)
+        self._around = _surroundings(model, self._camera)
+        self._headlight = _headlight(model)
         textures, texels = _textures(model)
         self._textures = wp.array(textures, dtype=wp.vec3i, device=device)
         self._texels = wp.array(texels, dtype=wp.vec3, device=device)
-        n, ids = len(context.rgb_data), context.enabled_geom_ids
+        n = len(context.rgb_data)
+        ids = context.enabled_geom_ids
         self._geoms = wp.empty((n, len(ids)), dtype=Geom, device=device)  # type: ignore
         self._lights = wp.empty((n, model.nlight + 1), dtype=Light, device=device)  # type: ignore
         self._zooms = wp.ones(n, dtype=float, device=device)

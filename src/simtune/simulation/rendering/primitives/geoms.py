@@ -10,6 +10,8 @@ import warp as wp
 from mujoco_warp import GeomType
 from mujoco_warp._src import ray, render
 
+ENDLESS = wp.constant(1e6)  # m: how far away lamps, and ends of unbounded geoms, are
+
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
 

@@ -9,7 +9,13 @@ from mujoco_warp._src import ray, render
 from mujoco_warp._src.render_util import pack_rgba_to_uint32
 
 from simtune.simulation.rendering.packing import NOTHING
-from simtune.simulation.rendering.primitives.geoms import Geom, first_hit, intersect, texture_at
+from simtune.simulation.rendering.primitives.geoms import (
+    ENDLESS,
+    Geom,
+    first_hit,
+    intersect,
+    texture_at,
+)
 from simtune.simulation.rendering.primitives.light import (
     DIRECTIONAL,
     Light,
@@ -19,7 +25,6 @@ from simtune.simulation.rendering.primitives.light import (
 )
 
 _OFF = wp.constant(1e-4)  # m, by which rays begin off a surface, not to meet it at once
-_ENDLESS = wp.constant(1e6)
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
@@ -117,6 +122,37 @@ def _met_by_row(geoms: wp.array2d[Geom], world: int, across: wp.vec3):
     return met
 
 
+@wp.func
+def _nearest(
+    geoms: wp.array2d[Geom],
+    world: int,
+    met: wp.uint64,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    closest: float,
+    farthest: float,
+):
+    """The nearest geom that a ray from the camera meets (-1: none), its distance and normal.
+
+    `met`: the bits of those that it may meet.
+    """
+    nearest = farthest
+    normal = wp.vec3()
+    hit = int(-1)
+    for i in range(geoms.shape[1]):
+        if ((met >> wp.uint64(i)) & wp.uint64(1)) == wp.uint64(0):
+            continue
+        along = wp.dot(geoms[world, i].centre, direction)
+        bound = geoms[world, i].bound
+        if bound <= 0.0 or (along > 0.0 and along * along >= bound):
+            distance, outward = intersect(geoms[world, i], origin, direction)
+            reach = nearest + ray.RAY_TOL_REL * wp.max(nearest, 1.0)  # of two, the later
+            is_seen = distance >= closest and distance <= reach
+            if is_seen and wp.dot(direction, outward) <= 0.0:
+                nearest, normal, hit = distance, outward, i
+    return hit, nearest, normal
+
+
 @wp.kernel
 def draw(
     rays: wp.array[wp.vec3],
@@ -156,32 +192,21 @@ def draw(
             )
         direction = orientation @ local
         ahead = wp.max(-local[2], 1e-6)
-        nearest, closest = far / ahead, near / ahead
-        normal = wp.vec3()
-        hit = int(-1)
-        for i in range(geoms.shape[1]):
-            if ((met >> wp.uint64(i)) & wp.uint64(1)) == wp.uint64(0):
-                continue
-            along = wp.dot(geoms[world, i].centre, direction)
-            bound = geoms[world, i].bound
-            if bound <= 0.0 or (along > 0.0 and along * along >= bound):
-                distance, outward = intersect(geoms[world, i], origin, direction)
-                reach = nearest + ray.RAY_TOL_REL * wp.max(nearest, 1.0)  # of two, the later
-                is_seen = distance >= closest and distance <= reach
-                if is_seen and wp.dot(direction, outward) <= 0.0:
-                    nearest, normal, hit = distance, outward, i
+        hit, distance, normal = _nearest(
+            geoms, world, met, origin, direction, near / ahead, far / ahead
+        )
         if hit < 0:
             pixels[world, pixel] = NOTHING
             if sky >= 0:
                 pixels[world, pixel] = _pack(render.sample_skybox(skies[sky], sky_texel, direction))
             continue
-        point = origin + direction * nearest
+        point = origin + direction * distance
         stray = strays[world]
         light = _shade(geoms, lights, stray, texels, world, hit, point, normal, origin)
         if stray.mirror > 0.0 and geoms[world, hit].kind == GeomType.PLANE:
             mirrored = direction - 2.0 * wp.dot(direction, normal) * normal
             start = point + _OFF * normal
-            seen, away, facing = first_hit(geoms, world, start, mirrored, _ENDLESS)
+            seen, away, facing = first_hit(geoms, world, start, mirrored, ENDLESS)
             if seen >= 0:
                 image = start + mirrored * away
                 its = _shade(geoms, lights, stray, texels, world, seen, image, facing, start)

@@ -5,10 +5,9 @@
 
 import warp as wp
 
-from simtune.simulation.rendering.primitives.geoms import Geom
+from simtune.simulation.rendering.primitives.geoms import ENDLESS, Geom
 
 SPOT, DIRECTIONAL = wp.constant(0), wp.constant(1)  # the other kinds shine everywhere
-_ENDLESS = wp.constant(1e6)
 # In cells that are small from a lamp, interpolation changes no pixel: (1 + exponent) · (cell /
 # distance)² is four times what a cone's light is off by
 _FINE = wp.constant(0.05)
@@ -37,7 +36,7 @@ class Light:
 def way_to(light: Light, point: wp.vec3):
     """Direction and distance of a light."""
     to_light = -light.direction
-    distance = float(_ENDLESS)
+    distance = float(ENDLESS)
     if light.kind != DIRECTIONAL:
         distance = wp.length(light.pos - point)
         to_light = (light.pos - point) / distance

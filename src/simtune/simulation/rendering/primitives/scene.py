@@ -6,14 +6,15 @@
 Arrays of mujoco_warp's model have a row for each world, or one row for all.
 """
 
+from typing import Any
+
 import warp as wp
 from mujoco_warp import GeomType
 from mujoco_warp._src import render
 
-from simtune.simulation.rendering.primitives.geoms import Geom
+from simtune.simulation.rendering.primitives.geoms import ENDLESS, Geom
 from simtune.simulation.rendering.primitives.light import Light
 
-_ENDLESS = wp.constant(1e6)  # radius of unbounded geoms
 _NEVER = wp.constant(1e30)
 _UNSEEN = wp.constant(1e-5)  # share of a highlight that changes no pixel
 _MARGIN = wp.constant(1.0 - 1e-5)  # of bounds, for rounding
@@ -38,6 +39,12 @@ class Surroundings:
 
 
 @wp.func
+def _of(values: wp.array2d[Any], world: int, i: int):
+    """A world's own value, or that of all."""
+    return values[world % values.shape[0], i]
+
+
+@wp.func
 def _radius(kind: int, size: wp.vec3):
     """Of a bounding sphere."""
     if kind == GeomType.SPHERE:
@@ -50,7 +57,7 @@ def _radius(kind: int, size: wp.vec3):
         return wp.sqrt(size[0] * size[0] + size[1] * size[1])
     if kind == GeomType.BOX:
         return wp.length(size)
-    return _ENDLESS
+    return ENDLESS
 
 
 @wp.func
@@ -104,24 +111,24 @@ def gather_geoms(
     geom.kind = geom_type[at]
     geom.pos = geom_xpos[world, at]
     geom.mat = geom_xmat[world, at]
-    geom.size = geom_size[world % geom_size.shape[0], at]
+    geom.size = _of(geom_size, world, at)
     geom.centre = geom.pos - cam_xpos[world, around.camera]
     geom.radius = _radius(geom.kind, geom.size)
     geom.bound = wp.length_sq(geom.centre) * _MARGIN - geom.radius * geom.radius
 
     material = geom_matid[0, at]
-    rgba = geom_rgba[world % geom_rgba.shape[0], at]
+    rgba = _of(geom_rgba, world, at)
     glow, specular, shininess = float(_GLOW), float(_SPECULAR), float(_SHININESS)
     geom.texture = textures[textures.shape[0] - 1]  # the last one: no material
     if material >= 0:
         if rgba == _UNPAINTED:
-            rgba = mat_rgba[world % mat_rgba.shape[0], material]
-        glow = mat_emission[world % mat_emission.shape[0], material]
-        specular = mat_specular[world % mat_specular.shape[0], material]
-        shininess = mat_shininess[world % mat_shininess.shape[0], material]
+            rgba = _of(mat_rgba, world, material)
+        glow = _of(mat_emission, world, material)
+        specular = _of(mat_specular, world, material)
+        shininess = _of(mat_shininess, world, material)
         geom.texture = textures[material]
-        geom.repeat = mat_texrepeat[world % mat_texrepeat.shape[0], material]
-        geom.uniform = mat_texuniform[world % mat_texuniform.shape[0], material]
+        geom.repeat = _of(mat_texrepeat, world, material)
+        geom.uniform = _of(mat_texuniform, world, material)
     geom.rgb = wp.vec3(rgba[0], rgba[1], rgba[2])
     if rgba[3] == 0.0:
         geom.bound = _NEVER
@@ -169,21 +176,21 @@ def gather_lights(
     world, i = wp.tid()
     light = of_camera
     if i < lights.shape[1] - 1:
-        light.kind = light_type[world % light_type.shape[0], i]
+        light.kind = _of(light_type, world, i)
         light.pos = light_xpos[world, i]
         light.direction = light_xdir[world, i]
-        light.attenuation = light_attenuation[world % light_attenuation.shape[0], i]
-        light.cos_cutoff = wp.cos(wp.radians(light_cutoff[world % light_cutoff.shape[0], i]))
-        light.exponent = light_exponent[world % light_exponent.shape[0], i]
-        light.casts = light_castshadow[world % light_castshadow.shape[0], i]
+        light.attenuation = _of(light_attenuation, world, i)
+        light.cos_cutoff = wp.cos(wp.radians(_of(light_cutoff, world, i)))
+        light.exponent = _of(light_exponent, world, i)
+        light.casts = _of(light_castshadow, world, i)
         light.ambient = wp.vec3()
         light.diffuse = wp.vec3()
         light.specular = wp.vec3()
-        if light_active[world % light_active.shape[0], i]:
-            light.ambient = light_ambient[world % light_ambient.shape[0], i]
+        if _of(light_active, world, i):
+            light.ambient = _of(light_ambient, world, i)
             light.fills = wp.length_sq(light.ambient) > 0.0
-            light.diffuse = light_diffuse[world % light_diffuse.shape[0], i]
-            light.specular = light_specular[world % light_specular.shape[0], i]
+            light.diffuse = _of(light_diffuse, world, i)
+            light.specular = _of(light_specular, world, i)
     else:
         orientation = cam_xmat[world, camera]
         light.direction = -wp.vec3(orientation[0, 2], orientation[1, 2], orientation[2, 2])

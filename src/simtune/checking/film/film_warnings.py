@@ -1,0 +1,80 @@
+"""What a film's comparison with a simulator's pictures means, a sentence each."""
+
+from simtune.checking.film.camera_film import CameraFilm
+from simtune.checking.film.compare import Comparison
+from simtune.checking.film.turned import Turned
+
+_ALIKE = 0.6  # least similarity, relative to that among the simulator's worlds
+_STILL = 0.05  # of the motion in the other one, film or simulator
+_SOME = 1e-3  # share of pixels below which nothing moves in a film
+STUCK = (
+    "things move in the film, and nothing moves in the simulator as it plays the recorded actions: "
+    "the model is stuck, and no motion can be compared; does an actuator reach the joint, is it "
+    "locked or held by its limits, or is something in the way?"
+)
+_EXCHANGED = (
+    "what moves in the film moves as camera {} sees it, and what moves in that one's film as this "
+    "camera does: are their keys exchanged?"
+)
+
+
+def warnings(
+    film: CameraFilm,
+    comparison: Comparison,
+    exchanged_with: str | None = None,
+    turned: Turned | None = None,
+    stuck: str = STUCK,
+) -> list[str]:
+    """A sentence if the film cannot show the simulator's scene as its camera sees it.
+
+    `exchanged_with`: the camera whose film this one seems to have instead. `turned`: how it is
+    turned, beside readings. `stuck`: said if nothing moves in the simulator alone.
+    """
+    if exchanged_with is not None:
+        return [_EXCHANGED.format(exchanged_with)]
+    if turned is not None:
+        return [_against_readings(turned)]
+    if comparison.simulated_moving_share < _STILL * comparison.moving_share > _STILL * _SOME:
+        return [stuck]
+    if comparison.moving_share < _STILL * comparison.simulated_moving_share:
+        return ["nothing moves in the film, though the simulator's parts do: is it this scene?"]
+    if film.view.background_is_unknown:  # the film shows more than the simulator draws
+        return []
+    other = "and even then another scene than the simulator's, or seen from elsewhere"
+    if comparison.is_reframed:
+        also = f", {other}" * (comparison.framed_alike < _ALIKE)
+        return [f"beside the simulator's pictures the film looks {comparison.framing.says}{also}"]
+    if comparison.alike < _ALIKE:
+        return [
+            "the film looks like another scene than the simulator's, or seen from elsewhere: "
+            f"{comparison.alike:.2f} times as like it as the simulator's own worlds are to each "
+            "other"
+        ]
+    return []
+
+
+def _against_readings(turned: Turned) -> str:
+    mirrored = {framing.is_mirrored for framing in turned.framings}
+    mend = "mirror the film back" if all(mirrored) else "turn the film back, or the camera"
+    if len(mirrored) > 1:
+        mend = "turn or mirror the film back"
+    if joints := " and ".join(turned.reversed):
+        mend += f", or reverse the sign of {joints} in the sensor (and in [actions], if both agree)"
+    if any(framing.is_mirrored and framing.is_on_its_side for framing in turned.framings):
+        mend += "; or are columns of readings exchanged?"
+    if turned.elsewhere:
+        mend += f"; or is the zero of {turned.elsewhere} elsewhere?"
+    return f"the film is {turned.says}, against what readings say: {mend}"
+
+
+def all_clear(film: CameraFilm, comparison: Comparison) -> str:
+    """What no warning means: only what was compared can have differed."""
+    if not film.is_plate:
+        return "nothing says that this is another scene or another view"
+    own = "the background is the film's own"
+    if covering := [f"{n} paints ({share:.0%})" for n, share in film.painted.items() if share]:
+        own += f" but for what {' and '.join(covering)}"
+    return (
+        f"{own}, so it tells nothing: only what moves was compared, and is {comparison.alike:.2f} "
+        "times as like the simulator's as its own worlds' is"
+    )

@@ -1,0 +1,128 @@
+"""Films that are mirrored or turned, told by what moves when readings say so.
+
+A pusher on a table, or a cart on a rail, looks much the same upside down. Readings say where it is
+at each moment, so what moves in a film is compared with what moves where it is drawn at that
+moment, less how alike they are at other moments: symmetric scenes and other things that move tell
+nothing by this.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from simtune.checking.film.as_read import AsRead
+from simtune.checking.film.features import describe
+from simtune.checking.film.framing import TURNS, Framing
+from simtune.checking.film.library import brought_to_size
+
+_LATE_STEPS = range(-2, 4)  # by which pictures may be late beside readings: any is right
+_LEAST = 0.1  # cosine at its own moment, less that at others: here nothing agrees by chance
+_BETTER = 2.0  # factor by which a turned film must agree better than as it is, in all episodes
+_ALIKE = 0.9  # of the best agreement: as good
+_AS_WELL = 0.7  # of that is explained by a joint whose sign is reversed
+
+
+@dataclass(frozen=True)
+class Turned:
+    """How a film seems to be turned, beside readings, and what would explain it as well."""
+
+    framings: list[Framing]  # that agree alike
+    reversed: list[str]  # joints with the other sign
+    elsewhere: str | None = None  # a hinge whose zero is a quarter or half a turn away
+
+    @property
+    def says(self) -> str:
+        """In words."""
+        return " or ".join(framing.says for framing in self.framings)
+
+
+def turned(films: list[np.ndarray], as_read: AsRead) -> list[Turned | None]:
+    """Of each camera's (E, K, H, W, 3) film: how it is turned, if that is clear.
+
+    `as_read`: the same episodes.
+    """
+    num = films[0].shape[1]
+    drawn = [[_moving(view) for view in as_read.draw(num, late)] for late in _LATE_STEPS]
+    return [
+        _turned(film, view, [views[view] for views in drawn], as_read)
+        for view, film in enumerate(films)
+    ]
+
+
+def _turned(film: np.ndarray, view: int, drawn: list[np.ndarray], as_read: AsRead) -> Turned | None:
+    """`drawn`: what moves in a view, for each lateness."""
+    small = np.stack([brought_to_size(episode) for episode in film])
+    shown = _moving(small)
+    own, _ = _best(shown, drawn)
+    alike = [_best(_moving(framing.undo(small)[0]), drawn) for framing in TURNS]
+    best = int(np.argmax([its.mean() for its, _ in alike]))
+    its, late = alike[best]
+    if its.mean() < max(_LEAST, _BETTER * own.mean()) or (its <= own).any():
+        return None
+    pairs = zip(TURNS, alike, strict=True)
+    found = [framing for framing, (one, _) in pairs if one.mean() > _ALIKE * its.mean()]
+    other = _OtherReadings(shown, view, as_read, _LATE_STEPS[late], _AS_WELL * its.mean())
+    could_turn = any(not framing.is_mirrored for framing in found)
+    return Turned(found, other.signs(), other.zero() if could_turn else None)
+
+
+@dataclass(frozen=True)
+class _OtherReadings:
+    """What of readings, if changed, explains the film as it is."""
+
+    shown: np.ndarray  # (E, K, D) what moves in the film
+    view: int
+    as_read: AsRead
+    late_steps: int
+    needed: float  # agreement
+
+    def signs(self) -> list[str]:
+        """Names of one or two joints with the other sign; or none."""
+        names, changed = list[str](), dict[int, tuple[float, float]]()
+        for _ in range(2):
+            joints = [its for its in self.as_read.joints if its[1] not in changed]
+            tried = [(self._alike({**changed, at: (-1.0, 0.0)}), name, at) for name, at in joints]
+            if not tried:
+                break
+            alike, name, at = max(tried)
+            names, changed = [*names, name], {**changed, at: (-1.0, 0.0)}
+            if alike > self.needed:
+                return names
+        return []
+
+    def zero(self) -> str | None:
+        """A hinge whose zero may be a quarter or half a turn away."""
+        hinges = [its for its in self.as_read.joints if self.as_read.is_hinge(its[1])]
+        tried = [
+            (self._alike({at: (1.0, turn)}), name)
+            for name, at in hinges
+            for turn in (-np.pi / 2, np.pi / 2, np.pi)
+        ]
+        alike, name = max(tried, default=(0.0, ""))
+        return name if alike > self.needed else None
+
+    def _alike(self, changed: dict[int, tuple[float, float]]) -> float:
+        num = self.shown.shape[1]
+        drawn = self.as_read.draw(num, self.late_steps, changed)[self.view]
+        return float(_agreement(self.shown, _moving(drawn)).mean())
+
+
+def _best(shown: np.ndarray, drawn: list[np.ndarray]) -> tuple[np.ndarray, int]:
+    """(E,) agreement at the delay at which it is largest, and that delay's index."""
+    found = [_agreement(shown, late) for late in drawn]
+    best = int(np.argmax([its.mean() for its in found]))
+    return found[best], best
+
+
+def _agreement(shown: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """(E,) of (E, K, D) and (E, K, D): mean cosine at the same moments, less at others."""
+    alike = np.einsum("ekd,eld->ekl", shown, drawn)
+    same = np.einsum("ekk->e", alike)
+    num = shown.shape[1]
+    return same / num - (alike.sum((1, 2)) - same) / (num * (num - 1))
+
+
+def _moving(episodes: np.ndarray) -> np.ndarray:
+    """(E, K, D) unit vectors, or 0: what moves in (E, K, SIZE, SIZE, 3)."""
+    moving = describe(episodes).moving.reshape(*episodes.shape[:2], -1)
+    return moving / np.maximum(np.linalg.norm(moving, axis=-1, keepdims=True), 1e-6)

@@ -1,0 +1,65 @@
+"""How readings follow commands, in any unit and with either sign."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.checking.servos.fit import Episodes, ServoResponse, delay_of, delayed_by
+
+_FOLLOWS = 0.8  # correlation from which a joint follows its command
+_FOLLOWS_ONE_WAY = 0.6  # ... if with the other sign none is half as large, at any delay
+_WAYS = 30  # delays at which readings are compared with commands
+
+
+class Following(NamedTuple):
+    correlation: float  # the largest in magnitude over all delays
+    slope: float  # of readings against commands, at that delay
+    opposite: float  # the largest magnitude with the other sign
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether its sign and about its slope are certain."""
+        size = abs(self.correlation)
+        return size >= _FOLLOWS or (size >= _FOLLOWS_ONE_WAY and self.opposite < size / 2)
+
+
+class Watched(NamedTuple):
+    """A joint's (T,) commands and (T + 1,) readings in each of the episodes, in `unit`."""
+
+    name: str
+    unit: str
+    commands: Episodes
+    measured: Episodes
+    step_s: float
+    episodes: Sequence[str] = ()  # their names
+
+
+def follows(joint: Watched, servo: ServoResponse) -> Following:
+    """Correlation of readings with commands, for any unit and sign."""
+    commands, measured = joint.commands, joint.measured
+    longest = 2 * servo.lag_steps + 0.5 * _WAYS
+    y = np.concatenate([read[: len(c)] for c, read in zip(commands, measured, strict=True)])
+    known, found = np.isfinite(y), [(0.0, 0.0)]
+    # Of a sine, half a period more looks reversed: each sign is compared where it fits best.
+    reversed_ = delay_of(commands, [-read for read in measured], joint.step_s)
+    for lag in (servo.lag_steps, reversed_, *np.linspace(0, longest, _WAYS)):
+        x = np.concatenate([delayed_by(c, lag) for c in commands])[known]
+        (xx, xy), (_, yy) = np.cov(x, y[known])
+        if xx > 0 and yy > 0:
+            found.append((float(xy / np.sqrt(xx * yy)), float(xy / xx)))
+    correlation, slope = max(found, key=lambda its: abs(its[0]))
+    opposite = max(0.0, *(-its * np.sign(correlation) for its, _ in found))
+    return Following(correlation, slope, float(opposite))
+
+
+def followed_instead(joint: Watched, servo: ServoResponse, others: Sequence[Watched]) -> str | None:
+    """The joint whose command is clearly followed instead."""
+    found = [
+        (abs(following.correlation), other.name)
+        for other in others
+        if other.name != joint.name and other.unit == joint.unit
+        for following in [follows(joint._replace(commands=other.commands), servo)]
+        if following.is_clear
+    ]
+    return max(found)[1] if found else None

@@ -1,0 +1,23 @@
+"""Lines for a tuning file that mend a sensor's unit and signs together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simtune.observation import JointSensor
+
+
+def gains_to_write(sensors: Sequence[JointSensor], misread_by: Sequence[float]) -> list[str]:
+    """Of D readings: a sentence for each sensor with a reversed sign, which no unit mends."""
+    found, ends = [], np.cumsum([0, *(sensor.size for sensor in sensors)])
+    for sensor, start, end in zip(sensors, ends, ends[1:], strict=False):
+        its = np.asarray(misread_by[start:end])
+        if (its > 0).all() or sensor.shift.any():
+            continue
+        gains = [f"{gain:.4g}" for gain in 1 / (sensor.factor * its)]
+        line = gains[0] if len(set(gains)) == 1 else f"[{', '.join(gains)}]"
+        found.append(
+            f"if it is not the actions, write gain = {line} for sensor {sensor.name}, in place of "
+            "its unit or gain"
+        )
+    return found

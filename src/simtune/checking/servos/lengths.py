@@ -1,0 +1,66 @@
+"""Lengths far beyond a model's own: pixels or mm where metres are meant."""
+
+from collections.abc import Mapping, Sequence
+
+import mujoco
+import numpy as np
+
+from simtune.checking.servos.commands import commanded_spans
+from simtune.columns import cut
+from simtune.observation import JointSensor
+from simtune.simulation import Simulator
+
+_FAR = 50.0  # times a model's extent: farther than robots drive, and pixels or mm are more
+_MOST_NAMED = 4  # other joints
+_USUAL = (0.01, 0.99)  # quantiles of readings
+
+
+def far_beyond_model(
+    simulator: Simulator,
+    actions: Sequence[np.ndarray],
+    sensors: Sequence[JointSensor] = (),
+    values: np.ndarray | None = None,
+) -> str | None:
+    """A sentence on slides that are commanded, or without a servo read, far beyond the model.
+
+    `actions`: (T, A) of episodes; `values`: (E, T + 1, D) readings of the sensors.
+    """
+    model, commanded = simulator.model, commanded_spans(simulator, actions)
+    read = {} if values is None else _read(sensors, values)
+    far = {}
+    for joint in range(model.njnt):
+        name, is_slide = (
+            model.joint(joint).name,
+            model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE,
+        )
+        # Readings of a joint with a servo are compared with its commands, which tell more
+        span = commanded.get(name, read.get(name, 0.0))
+        if is_slide and span > _FAR * model.stat.extent:
+            far[name] = _says(name, commanded, read)
+    if not far:
+        return None
+    alike = f" ({cut(list(far)[1:], _MOST_NAMED)}, too)" * (len(far) > 1)
+    return (
+        f"{next(iter(far.values()))}, in a model {model.stat.extent:.2g} m across{alike}: are "
+        "these pixels or mm? Give [actions], the sensor or both a gain (docs/tuning-file.md)"
+    )
+
+
+def _says(name: str, commanded: Mapping[str, float], read: Mapping[str, float]) -> str:
+    by = [
+        f"{does} over {spans[name]:.3g} m"
+        for does, spans in (("is commanded", commanded), ("reads", read))
+        if name in spans
+    ]
+    return f"{name} {' and '.join(by)}"
+
+
+def _read(sensors: Sequence[JointSensor], values: np.ndarray) -> dict[str, float]:
+    """{joint: how far its (E, T + 1, D) readings are apart}, of positions."""
+    names = [(joint, s.is_velocity) for s in sensors for joint in s.joints]
+    found = {}
+    for (name, is_velocity), its in zip(names, np.moveaxis(values, -1, 0), strict=True):
+        known = its[np.isfinite(its)]
+        if not is_velocity and len(known):
+            found[name] = float(np.ptp(np.quantile(known, _USUAL)))
+    return found

@@ -1,0 +1,55 @@
+"""All that is looked at in one joint's readings beside its commands."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+from simtune.checking.servos.doubts import doubts, misread_by
+from simtune.checking.servos.fit import ServoResponse, fit_servo, predict
+from simtune.checking.servos.following import Watched
+from simtune.checking.servos.lost import without_lost_packets
+from simtune.checking.servos.picture import Curve
+from simtune.checking.servos.play import find_play
+from simtune.run.files import plain
+
+FEWEST_STEPS = 8  # of an episode that tells how a joint follows
+
+
+class SeenJoint(NamedTuple):
+    """How a joint follows its commands."""
+
+    servo: ServoResponse
+    play: float | None  # from end to end, if it is clear
+    curve: Curve  # in the first episode that is long enough
+    warnings: list[str]
+    is_doubtful: bool  # whether a warning says more than that packets were lost
+    misread_by: float  # see there
+
+    def facts(self) -> dict[str, Any]:
+        """JSON."""
+        return plain({"unit": self.curve.unit, **asdict(self.servo), "play": self.play})
+
+
+def look_at(joint: Watched, noise: float, others: Sequence[Watched] = ()) -> SeenJoint:
+    """`noise`: what is usual for its readings; `others`: joints whose column it may be.
+
+    At least one episode is long enough.
+    """
+    measured, lost = without_lost_packets(
+        joint.name, joint.unit, joint.commands, joint.measured, noise, joint.episodes
+    )
+    joint = joint._replace(measured=measured)
+    long = [e for e, command in enumerate(joint.commands) if len(command) >= FEWEST_STEPS]
+    asked, measured = [joint.commands[e] for e in long], [measured[e] for e in long]
+    servo = fit_servo(asked, measured, joint.step_s)
+    play = find_play(servo, asked, measured, joint.step_s)
+    (predicted,) = predict(servo, asked[:1], joint.step_s)
+    doubtful = doubts(joint, servo, others)
+    return SeenJoint(
+        servo,
+        play.width if play.is_clear(servo.noise) else None,
+        Curve(joint.unit, asked[0], measured[0], predicted, servo),
+        lost + doubtful,
+        is_doubtful=bool(doubtful),
+        misread_by=misread_by(joint, servo) if doubtful else 1.0,
+    )

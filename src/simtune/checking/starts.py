@@ -1,0 +1,62 @@
+"""Joints that begin elsewhere in simulated worlds than readings do."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from simtune.columns import cut
+from simtune.observation import JointSensor
+from simtune.simulation import Simulator
+
+_MOST_NAMED = 4  # other joints
+_STARTS = 64  # drawn
+_SLACK = 0.25  # of what starts spread over: farther outside is far
+_LEAST = 0.05  # of the model's extent, or rad: nearer is no other place
+
+
+def far_starts(
+    simulator: Simulator, sensors: Sequence[JointSensor], values: np.ndarray, seed: int
+) -> list[str]:
+    """On measured joints whose first readings, of (E, T + 1, D), are far from simulated starts.
+
+    Where an encoder's zero may be elsewhere, how far both spread is compared.
+    """
+    model = simulator.model
+    worlds = np.tile(simulator.space.nominal, (_STARTS, 1))
+    begun = simulator.begin(worlds, np.random.default_rng((seed, 6))).states[:, 0]
+    positions = simulator.state_space.positions_and_velocities(begun)
+    columns = [
+        (s, joint, int(place))
+        for s in sensors
+        for joint, place in zip(s.joints, s.places, strict=True)
+    ]
+    found = dict[str, str]()
+    for (sensor, name, place), its in zip(columns, np.moveaxis(values, -1, 0), strict=True):
+        read, joint = its[:, 0][np.isfinite(its[:, 0])], model.joint(name)
+        if sensor.is_velocity or not len(read):
+            continue
+        is_hinge = joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE
+        ends = positions[:, place].min(), positions[:, place].max()
+        slack = max(_SLACK * (ends[1] - ends[0]), _LEAST * (1.0 if is_hinge else model.stat.extent))
+        if _is_outside(read, ends, slack, knows_zero=not sensor.finds_offsets):
+            mend = "widen [initial_state]"
+            if not joint.limited[0]:
+                mend = "give the joint a range, or [initial_state]"
+            found[name] = (
+                f"begins at {read.min():.3g} to {read.max():.3g} {sensor.unit} in readings, and at "
+                f"{ends[0]:.3g} to {ends[1]:.3g} in simulated worlds{{alike}}: {mend}"
+            )
+    if not found:
+        return []
+    first, *others = found
+    alike = f" ({cut(others, _MOST_NAMED)}, too)" * bool(others)
+    return [f"{first} {found[first].format(alike=alike)}"]
+
+
+def _is_outside(
+    read: np.ndarray, ends: tuple[float, float], slack: float, *, knows_zero: bool
+) -> bool:
+    if not knows_zero:
+        return float(np.ptp(read)) > ends[1] - ends[0] + 2 * slack
+    return bool(read.min() < ends[0] - slack or read.max() > ends[1] + slack)

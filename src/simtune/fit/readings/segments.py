@@ -1,0 +1,50 @@
+"""Segments of episodes, each replayed from an initial state of its own (multiple shooting)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.fit.motion.windows import window_starts
+from simtune.fit.readings.stretches import Readings
+
+
+class Segments(NamedTuple):
+    """Where W segments of episodes lie."""
+
+    episode: np.ndarray  # (W,)
+    begin: np.ndarray  # (W,) row of the first reading
+    steps: np.ndarray  # (W,)
+
+    @classmethod
+    def evenly(
+        cls, readings: Readings, steps: int | None = None, at_most: int | None = None
+    ) -> "Segments":
+        """Of `steps` steps, by default whole episodes, that begin with a reading.
+
+        `at_most`: limit on their number, spread evenly.
+        """
+        num_steps = readings.actions.shape[1]
+        length = num_steps if steps is None else min(steps, num_steps)
+        episode, begin = window_starts(may_begin(readings), length, at_most)
+        return cls(episode, begin, np.full(len(begin), length))
+
+    @classmethod
+    def joined(cls, some: list["Segments"]) -> "Segments":
+        """All of them, in order of time."""
+        both = cls(*(np.concatenate(parts) for parts in zip(*some, strict=True)))
+        return both.of(np.lexsort((both.begin, both.episode)))
+
+    def are(self, others: "Segments") -> bool:
+        """Whether these are the same."""
+        return all(map(np.array_equal, self, others))
+
+    def of(self, chosen: np.ndarray) -> "Segments":
+        """Those that (W,) bool or indices choose."""
+        return Segments(*(part[chosen] for part in self))
+
+
+def may_begin(readings: Readings) -> np.ndarray:
+    """(E, T + 1) bool: rows with a reading, and each episode's first, or it would be lost."""
+    is_read = np.asarray(np.isfinite(readings.values).any(-1))
+    is_read[:, 0] = True
+    return is_read

@@ -1,0 +1,44 @@
+"""Decodes single pictures, PNG or JPEG, from untrusted sources."""
+
+import io
+
+import av
+import av.error
+import numpy as np
+
+from simtune.errors import InputError
+from simtune.recordings.video import MOST_PIXELS, TO_RGB
+
+_BEGINS = {"png": b"\x89PNG\r\n\x1a\n", "jpeg": b"\xff\xd8\xff"}
+
+
+def kind_of(data: bytes) -> str:
+    """png or jpeg. Raises InputError if it is another file."""
+    for kind, begin in _BEGINS.items():
+        if data.startswith(begin):
+            return kind
+    raise InputError("a picture is neither PNG nor JPEG; write it anew as one")
+
+
+def decode_picture(data: bytes) -> np.ndarray:
+    """(H, W, 3) uint8 RGB of a file's content. Raises InputError."""
+    # The kind is given: FFmpeg would also take a playlist, which makes it open other files.
+    kind = kind_of(data)
+    try:
+        with av.open(io.BytesIO(data), "r", format=f"{kind}_pipe") as container:
+            stream = container.streams.video[0]
+            height, width = stream.codec_context.height, stream.codec_context.width
+            if height * width > MOST_PIXELS:
+                raise InputError(
+                    f"a picture of {width}×{height} pixels; expected at most 7680×4320, make it "
+                    "smaller"
+                )
+            stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+            frame = next(container.decode(stream), None)
+            if frame is None or frame.is_corrupt:
+                raise InputError("a picture is damaged; copy the file again")
+            return frame.to_ndarray(**TO_RGB)
+    except av.error.FFmpegError as error:
+        raise InputError(
+            f"a picture cannot be decoded ({error.strerror}); copy the file again"
+        ) from None

@@ -1,0 +1,58 @@
+"""Whether fits to readings from different starts end at the same answer."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.fit import Descent
+from simtune.observation import JointSensor, declared_noise
+
+FAR_MORE = 4.0  # factor on the noise that a sensor declares
+CLEARLY_BETTER = 0.02  # relative decrease of residuals that counts as better, for a fit or a delay
+_CLOSE = 0.01  # in unit coordinates, a third of the way from the nearest other start
+
+
+class BestDescent(NamedTuple):
+    """The best of several descents, and how far others agree."""
+
+    best: Descent
+    apart: np.ndarray  # (P,) half the difference from others that agree with it, at most
+    is_sure: bool  # whether another one agrees
+    num_fits: int
+    is_whole: bool  # of whole episodes, rather than stretches of the last horizon
+
+
+def best_of(fits: Sequence[Descent], moving: np.ndarray, is_whole: bool) -> BestDescent:
+    """`moving`: (N,) bool, parameters that are fitted; the others are as in `BestDescent`."""
+    best = min(fits, key=lambda descent: descent.log_rms)
+    as_good = [d for d in fits if d.log_rms < best.log_rms + CLEARLY_BETTER]
+    units = [descent.unit for descent in (*as_good, *_next_to_best(fits, moving))]
+    differences = (units - best.unit)[:, moving] / 2
+    apart = np.take_along_axis(differences, np.abs(differences).argmax(0)[None], 0)[0]
+    return BestDescent(best, apart, agree(fits, moving), len(fits), is_whole)
+
+
+def agree(fits: Sequence[Descent], moving: np.ndarray) -> bool:
+    """Whether the two best leave nearly the same residuals, or another ends next to the best.
+
+    After contacts, residuals depend on the least change, but parameters need not.
+    """
+    return two_agree(fits) or len(_next_to_best(fits, moving)) > 1
+
+
+def two_agree(fits: Sequence[Descent]) -> bool:
+    """Whether the two best leave nearly the same residuals."""
+    found = sorted(descent.log_rms for descent in fits)
+    return len(found) > 1 and found[1] < found[0] + CLEARLY_BETTER
+
+
+def unexplained(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:
+    """(D,) bool: readings whose residuals (D,) are far larger than the declared noise."""
+    return noise > FAR_MORE * declared_noise(sensors)
+
+
+def _next_to_best(fits: Sequence[Descent], moving: np.ndarray) -> list[Descent]:
+    """Those that end where the best one does, itself among them."""
+    best = min(fits, key=lambda descent: descent.log_rms)
+    return [d for d in fits if np.abs(d.unit - best.unit)[moving].max() < _CLOSE]

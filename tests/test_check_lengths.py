@@ -1,0 +1,104 @@
+"""Pixels where metres are meant, and joints that begin elsewhere than simulated ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_check_film import drawn, filmed, library_of
+from test_turned_films import RANGE, SCENE, STEPS, TUNE, Scene, write_task
+
+from simtune.checking.film.compare import compare
+from simtune.checking.film.film_warnings import warnings
+from simtune.checking.servos.lengths import far_beyond_model
+from simtune.checking.starts import far_starts
+from simtune.simulation import Simulator
+from simtune.tasks import Task, load_task
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory) -> Task:
+    return write_task(tmp_path_factory.mktemp("plane"))
+
+
+@pytest.fixture(scope="module")
+def simulator(task) -> Simulator:
+    return task.simulator(image_size=16)
+
+
+def test_commands_and_readings_in_pixels_are_asked_about(task, simulator):
+    metres = [np.linspace(-0.2, 0.2, STEPS)[:, None] * [1, 0.5]] * 2
+    read = np.stack([np.vstack([its, its[-1:]]) for its in metres])
+    assert far_beyond_model(simulator, metres, task.sensors, read) is None
+    pixels, far = [1000 * its + 256 for its in metres], 1000 * read + 256
+    said = far_beyond_model(simulator, pixels, task.sensors, far)
+    assert said is not None
+    assert said.startswith("x is commanded over 400 m and reads over 398 m, in a model ")
+    assert "(y, too): are these pixels or mm?" in said
+    # Readings alone are compared with commands elsewhere, but of a joint without any
+    assert far_beyond_model(simulator, metres, task.sensors, far) is None
+    said = far_beyond_model(simulator, pixels)
+    assert said is not None
+    assert said.startswith("x is commanded over 400 m, in a model ")
+
+
+def test_readings_in_pixels_of_joints_that_nothing_commands_are_asked_about(tmp_path):
+    motors = SCENE.format(range=RANGE).replace('<position name="p', '<motor name="p')
+    motors = motors.replace(' kp="100" kv="15"', "")
+    (tmp_path / "scene.xml").write_text(motors)
+    (tmp_path / "tune.toml").write_text(TUNE.format(joints='["x", "y"]'))
+    task = load_task(str(tmp_path / "tune.toml"))
+    read = np.random.default_rng(0).uniform(0, 500, (2, STEPS + 1, 2)) * [1, 1e-4]
+    simulator, actions = task.simulator(image_size=16), [np.zeros((STEPS, 2))] * 2
+    said = far_beyond_model(simulator, actions, task.sensors, read)
+    assert said is not None
+    assert said.startswith("x reads over 48")
+    assert "too" not in said
+
+
+def test_pixels_are_said_instead_of_a_model_that_is_stuck():
+    frames = drawn(12, 12, 0)
+    stuck = library_of(frames[:, :1].repeat(12, 1))
+    film = drawn(3, 8, 1)
+    comparison = compare(film, stuck)
+    assert "the model is stuck" in warnings(filmed(film), comparison)[0]
+    assert warnings(filmed(film), comparison, stuck="pixels?") == ["pixels?"]
+
+
+def with_starts(folder: Path, limits: str, more: str = "", offset: str = "offset = 0\n") -> Task:
+    (folder / "scene.xml").write_text(SCENE.format(range=limits))
+    text = TUNE.format(joints='["x", "y"]').replace("offset = 0\n", offset)
+    (folder / "tune.toml").write_text(text.replace("[[parameters]]", more + "[[parameters]]"))
+    return load_task(str(folder / "tune.toml"))
+
+
+NARROW = '[initial_state]\nkind = "distribution"\njoints.x = { position = [-0.01, 0.01] }\n\n'
+
+
+@pytest.mark.parametrize(
+    ("limits", "more", "offset", "says"),
+    [
+        ("", "", "offset = 0\n", "give the joint a range, or [initial_state]"),
+        ("", "", "", "give the joint a range, or [initial_state]"),  # wherever their zero is
+        (RANGE, "", "offset = 0\n", None),
+        (RANGE, NARROW, "offset = 0\n", "widen [initial_state]"),
+    ],
+)
+def test_readings_that_begin_far_from_simulated_starts(tmp_path, limits, more, offset, says):
+    task = with_starts(tmp_path, limits, more, offset)
+    read = np.zeros((4, STEPS + 1, 2))
+    read[:, 0] = np.array([[-0.24, 0.2], [0.1, -0.2], [0.24, 0.0], [0, 0]])
+    found = far_starts(task.simulator(image_size=16), task.sensors, read, 0)
+    if says is None:
+        assert found == []
+        return
+    (said,) = found
+    assert said.startswith("x begins at -0.24 to 0.24 m in readings, and at -0.")
+    assert said.endswith(f"in simulated worlds (y, too): {says}")
+    near = far_starts(task.simulator(image_size=16), task.sensors, 0.01 * read, 0)
+    assert near == []
+
+
+def test_a_scene_whose_readings_are_simulated_begins_where_it_does(task):
+    scene = Scene(task)
+    values = scene.readings["pusher"]
+    assert far_starts(scene.simulator, task.sensors, values, 0) == []
