@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from lerobot_v21 import CAMERA, DATA, INFO, write_v21
 from matplotlib.image import imsave
+from test_lerobot_v21 import message
 
 from simtune.cameras.footage import Footage
 from simtune.errors import InputError
@@ -78,18 +79,6 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def dataset(written: Path, tmp_path: Path) -> Path:
     """A copy to spoil."""
     return Path(shutil.copytree(written, tmp_path / "dataset"))
-
-
-def message(folder: Path) -> str:
-    def read_all() -> None:
-        dataset = open_dataset(folder)
-        for episode in range(dataset.num_episodes):
-            dataset.skim(episode)
-
-    with pytest.raises(InputError) as caught:
-        read_all()
-    assert "\n" not in str(caught.value)
-    return str(caught.value).replace(str(folder), "HERE")
 
 
 def test_pictures_come_as_they_were_stored(written: Path):
