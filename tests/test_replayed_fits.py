@@ -309,3 +309,7 @@ def test_fits_agree_that_end_at_one_answer_whatever_they_leave():
     found = best_of(ending((-5.0, 0.500), (-4.0, 0.530), (-4.5, 0.492)), moving, True)
     assert found.is_sure
     np.testing.assert_allclose(found.apart, [-0.004])
+    unsure = best_of(ending((-5.0, 0.500), (-4.0, 0.600), (-4.5, 0.530)), moving, True)
+    assert not unsure.is_sure
+    np.testing.assert_allclose(unsure.apart, [0.015])  # from the next best
+    assert best_of(ending((-5.0, 0.5)), moving, True).apart.tolist() == [0.0]

@@ -17,7 +17,8 @@ class BestDescent(NamedTuple):
     """The best of several descents, and how far others agree."""
 
     best: Descent
-    apart: np.ndarray  # (P,) half the difference from others that agree with it, at most
+    # (P,) half the difference from others that agree with it, at most, or from the next best
+    apart: np.ndarray
     is_sure: bool  # whether another one agrees
     num_fits: int
     is_whole: bool  # of whole episodes, rather than stretches of the last horizon
@@ -25,12 +26,13 @@ class BestDescent(NamedTuple):
 
 def best_of(fits: Sequence[Descent], moving: np.ndarray, is_whole: bool) -> BestDescent:
     """`moving`: (N,) bool, parameters that are fitted; the others are as in `BestDescent`."""
-    best = min(fits, key=lambda descent: descent.log_rms)
-    as_good = [d for d in fits if d.log_rms < best.log_rms + CLEARLY_BETTER]
-    units = [descent.unit for descent in (*as_good, *_next_to_best(fits, moving))]
-    differences = (units - best.unit)[:, moving] / 2
+    best, *others = sorted(fits, key=lambda descent: descent.log_rms)
+    is_sure = agree(fits, moving)
+    near = [d for d in others if d.log_rms < best.log_rms + CLEARLY_BETTER]
+    near += _next_to_best(fits, moving) if is_sure else others[:1]
+    differences = ([descent.unit for descent in (best, *near)] - best.unit)[:, moving] / 2
     apart = np.take_along_axis(differences, np.abs(differences).argmax(0)[None], 0)[0]
-    return BestDescent(best, apart, agree(fits, moving), len(fits), is_whole)
+    return BestDescent(best, apart, is_sure, len(fits), is_whole)
 
 
 def agree(fits: Sequence[Descent], moving: np.ndarray) -> bool:
