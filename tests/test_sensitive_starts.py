@@ -83,7 +83,7 @@ def test_an_episode_is_followed_while_errors_grow_less_than_ten_times(tmp_path, 
     loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
     upright = Readings(np.zeros((2, 60, 1)), np.zeros((2, 61, 1)))
     unit = task.parameters.to_unit(task.parameters.nominal)
-    found = follow(loop, upright, unit, np.zeros(1))
+    found = follow(loop, loop.states_of(upright, unit, np.zeros(1)), unit)
     each = list(zip(found.begin.tolist(), found.steps.tolist(), strict=True))
     assert each == 2 * segments
     assert found.episode.tolist() == np.repeat([0, 1], len(segments)).tolist()

@@ -9,6 +9,7 @@ from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.growth import MUCH, follow, growth
+from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Stretches
 from simtune.simulation import Simulator
 
@@ -91,11 +92,12 @@ def test_what_is_followed_stays_near_what_was_read(experiment: Experiment):
         predicted, _ = loop.play(stretches, stretches.states[None], unit[None])
         return np.nanmax(np.abs(predicted[0] - stretches.values), (1, 2))
 
-    whole = loop.cut(readings, unit, zero)
+    read = loop.states_of(readings, unit, zero)
+    whole = read.cut(Segments.evenly(readings))
     assert growth(loop, whole, unit).max() > 3 * MUCH
     assert left(whole).max() > 0.5
-    segments = follow(loop, readings, unit, zero)
-    parts = loop.cut_at(readings, unit, zero, segments)
+    segments = follow(loop, read, unit)
+    parts = read.cut(segments)
     assert growth(loop, parts, unit).max() < 2 * MUCH
     assert left(parts).max() < 0.1
     assert segments.steps.sum() > 0.9 * readings.actions.shape[1] * len(readings.actions)

@@ -7,12 +7,12 @@ import numpy as np
 
 from simtune.columns import episode_in_words
 from simtune.errors import InputError
+from simtune.fit import FEWEST_STEPS
 from simtune.recordings.source import short
 from simtune.recordings.unused_steps import of_lengths, of_unfilmed
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory
-from simtune.tuning.readings_fits import FEWEST_STEPS
 
 _LATE = 0.3  # of a step: the simulator films exactly at each step's end
 _SPARE_S, _SPARE = 1.0, 0.2  # of the actions' time: a camera usually stops that soon after them

@@ -37,6 +37,7 @@ from simtune.fit.readings.output_error import (
     ReplayStage,
 )
 from simtune.fit.readings.replay_objective import Guess
+from simtune.fit.readings.segments import FEWEST_STEPS
 from simtune.fit.readings.sensitivity import MOST_EPISODES
 from simtune.fit.readings.stretches import Readings
 from simtune.fit.readings.whole_episodes import replay_whole
@@ -46,6 +47,7 @@ from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps, fit_to_budge
 from simtune.fit.split import Split
 
 __all__ = [
+    "FEWEST_STEPS",
     "FEW_EPISODES",
     "MANY_EPISODES",
     "MOST_EPISODES",

@@ -22,13 +22,20 @@ import torch
 from simtune.budget import Budget
 from simtune.columns import episode_in_words
 from simtune.errors import InputError
-from simtune.fit import MOST_EPISODES, Lateness, OpenLoopReplay, OutputErrorMethod, Readings
+from simtune.fit import (
+    FEWEST_STEPS,
+    MOST_EPISODES,
+    Lateness,
+    OpenLoopReplay,
+    OutputErrorMethod,
+    Readings,
+)
 from simtune.observation import finds_offset
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.pace import slow_steps
 from simtune.tuning.readings_agreement import BestDescent
-from simtune.tuning.readings_fits import FEWEST_STEPS, Horizons, ReadingsFits
+from simtune.tuning.readings_fits import Horizons, ReadingsFits
 from simtune.tuning.readings_verdict import ReadingsFit, conclude
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (

@@ -12,7 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit import (
+    FEWEST_STEPS,
+    Descent,
+    Guess,
+    Lateness,
+    OutputErrorMethod,
+    Readings,
+    ReplayStage,
+)
 from simtune.observation import declared_noise
 from simtune.tuning.readings_agreement import (
     CLEARLY_BETTER,
@@ -23,7 +31,6 @@ from simtune.tuning.readings_agreement import (
     unexplained,
 )
 
-FEWEST_STEPS = 8
 _LITTLE_MORE = 1.5  # factor on the same
 _LONGEST_DELAY_S = 0.5
 _MOST_LEFT = 0.5  # steps of a delay that are left to a lateness

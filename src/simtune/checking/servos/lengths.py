@@ -29,10 +29,8 @@ def far_beyond_model(
     read = {} if values is None else _read(sensors, values)
     far = {}
     for joint in range(model.njnt):
-        name, is_slide = (
-            model.joint(joint).name,
-            model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE,
-        )
+        name = model.joint(joint).name
+        is_slide = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
         # Readings of a joint with a servo are compared with its commands, which tell more
         span = commanded.get(name, read.get(name, 0.0))
         if is_slide and span > _FAR * model.stat.extent:

@@ -30,7 +30,7 @@ class ClosedLoops:
         self._passive = np.setdiff1d(np.array(sorted(tied), int), dofs)
         if not self._passive.size:
             self._ties = self._ties[:0]
-        self._data = self._with_loops_alone()
+        self._data = self._with_loops_alone() if self else None
 
     def __bool__(self) -> bool:
         return self._ties.size > 0
@@ -75,6 +75,7 @@ class ClosedLoops:
     def _close(self, state: np.ndarray) -> None:
         """Close loops in one (nq + nv) state, which has the other joints' velocities."""
         model, data, passive = self.model, self._data, self._passive
+        assert data is not None, "there are loops"
         nq, step = model.nq, np.zeros(model.nv)
         solved = np.zeros((len(passive), 2))
         data.qpos[:] = state[:nq]

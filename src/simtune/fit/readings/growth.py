@@ -10,7 +10,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.segments import Segments, may_begin
+from simtune.fit.readings.read_states import ReadStates
+from simtune.fit.readings.segments import FEWEST_STEPS, Segments, may_begin
 from simtune.fit.readings.stretches import Readings, Stretches, filled
 from simtune.observation import assumed_noise
 
@@ -18,7 +19,6 @@ from simtune.observation import assumed_noise
 # 1 to 5 times, in episodes of robots that strike something or fall 70 to 50,000 times. Where an arm
 # strikes a flap, fits leave the noise of the readings at 5 and 10, and twice as much at 30
 MUCH = 10.0
-_FEWEST_STEPS = 8  # of a segment
 _MOST = 16  # segments of an episode
 
 
@@ -39,25 +39,23 @@ def growth(loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray) -> np.n
     return np.abs((predicted[1:] - predicted[0]) / noise).max((0, 3), initial=0.0)
 
 
-def follow(
-    loop: OpenLoopReplay, readings: Readings, unit: np.ndarray, offsets: np.ndarray
-) -> Segments:
+def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments:
     """Segments of worlds with (N,) parameters in unit coordinates: whole episodes, where possible.
 
-    What cannot be followed for some steps is left out, unless that is all. `offsets`: (D,) measured
-    − simulated.
+    What cannot be followed for some steps is left out, unless that is all.
     """
+    readings = read.readings
     last_row = readings.values.shape[1] - 1
     next_begin = _next_begin(readings, assumed_noise(loop.sensors))
     left, found = Segments.evenly(readings), list[Segments]()
     for _ in range(_MOST):
-        steps = _steps_followed(loop, loop.cut_at(readings, unit, offsets, left), unit)
+        steps = _steps_followed(loop, read.cut(left), unit)
         is_rest = steps >= left.steps
-        is_kept = is_rest | (steps >= _FEWEST_STEPS)
+        is_kept = is_rest | (steps >= FEWEST_STEPS)
         found.append(left._replace(steps=np.minimum(steps, left.steps)).of(is_kept))
-        begin = left.begin + np.where(is_kept, steps, _FEWEST_STEPS)
+        begin = left.begin + np.where(is_kept, steps, FEWEST_STEPS)
         begin = next_begin[left.episode, np.minimum(begin, last_row)]
-        is_left = ~is_rest & (begin + _FEWEST_STEPS <= last_row)
+        is_left = ~is_rest & (begin + FEWEST_STEPS <= last_row)
         left = Segments(left.episode, begin, last_row - begin).of(is_left)
         if not len(left.episode):
             break
@@ -74,9 +72,9 @@ def _next_begin(readings: Readings, noise: np.ndarray) -> np.ndarray:
     jerk = np.abs(np.diff(values, 3, axis=1, append=np.repeat(values[:, -1:], 3, 1))).max(-1)
     jerk = np.maximum(np.roll(jerk, 1, 1), np.roll(jerk, 2, 1))  # of two rows before to two after
     num_rows = jerk.shape[1]
-    jerk = np.pad(np.where(may_begin(readings), jerk, np.inf), ((0, 0), (0, _FEWEST_STEPS)))
+    jerk = np.pad(np.where(may_begin(readings), jerk, np.inf), ((0, 0), (0, FEWEST_STEPS)))
     jerk[:, num_rows:] = np.inf
-    ahead = sliding_window_view(jerk, _FEWEST_STEPS, 1)[:, :num_rows]  # (E, T + 1, 8)
+    ahead = sliding_window_view(jerk, FEWEST_STEPS, 1)[:, :num_rows]  # (E, T + 1, 8)
     best = np.arange(num_rows) + ahead.argmin(-1)
     return np.where(np.isfinite(ahead.min(-1)), best, num_rows)
 

@@ -13,6 +13,7 @@ from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.parts import parts_to_play
+from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
@@ -66,12 +67,15 @@ class OpenLoopReplay:
             if not np.array_equal(state[place : place + 3], another[place : place + 3]):
                 state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
-        gliding = gliding_joints(simulator.model, measured_places(sensors))
-        if differs[simulator.model.jnt_qposadr[gliding]].any():
+        measured = measured_places(sensors)
+        gliding = gliding_joints(simulator.model, measured)
+        glides = simulator.model.jnt_qposadr[gliding]
+        if differs[glides].any():
             trees = simulator.model.body_rootid[simulator.model.jnt_bodyid[gliding]]
             simulator = simulator.without_contacts(np.isin(simulator.model.body_rootid, trees))
         physics = Physics(simulator, observation.observe_beside(), full_state)
-        unseen = _unseen(simulator.model, differs, measured_places(sensors))
+        differs[[*measured, *glides]] = False
+        unseen = _unseen(simulator.model, differs)
         fitted = np.flatnonzero(~simulator.space.is_appearance)
         return cls(MeasuredStates(physics, sensors), fitted, unseen)
 
@@ -108,12 +112,11 @@ class OpenLoopReplay:
         at_most: int | None = None,
     ) -> Stretches:
         """Stretches of `steps` steps, see `Segments.evenly`; `unit`: (N,)."""
-        return self.cut_at(readings, unit, offsets, Segments.evenly(readings, steps, at_most))
+        segments = Segments.evenly(readings, steps, at_most)
+        return self.states_of(readings, unit, offsets).cut(segments)
 
-    def cut_at(
-        self, readings: Readings, unit: np.ndarray, offsets: np.ndarray, segments: Segments
-    ) -> Stretches:
-        """Stretches of these segments; shorter ones are padded with NaN and later actions."""
+    def states_of(self, readings: Readings, unit: np.ndarray, offsets: np.ndarray) -> ReadStates:
+        """States that readings with (D,) `offsets` give, in a world of (N,) parameters."""
         parameters, drift = self._parameters(unit), None
         states = self.measured.as_read(readings.values, offsets, parameters)
         if self.lateness is not None:
@@ -121,19 +124,7 @@ class OpenLoopReplay:
             states = self.physics.space.move(states, Lateness.steps(unit[-1]) * by_step)
             drift = Lateness.steps_per_unit() * by_step
         left = self.physics.replay_actuators(readings.actions, states, parameters)
-        episode, begin, steps = segments
-        rows = np.arange(steps.max() + 1)
-        frames = np.minimum(begin[:, None] + rows, readings.values.shape[1] - 1)
-        acting = np.minimum(frames[:, :-1], readings.actions.shape[1] - 1)
-        is_within = (rows <= steps[:, None])[..., None]
-        return Stretches(
-            readings.actions[episode[:, None], acting],
-            np.where(is_within, readings.values[episode[:, None], frames], np.nan),
-            states[episode, begin],
-            left[episode, begin],
-            episode,
-            None if drift is None else drift[episode, begin],
-        )
+        return ReadStates(readings, states, left, drift)
 
     def play(
         self, stretches: Stretches, states: np.ndarray, units: np.ndarray
@@ -170,14 +161,9 @@ class OpenLoopReplay:
         return units[..., : len(self.physics.parameters)]
 
 
-def _unseen(model: mujoco.MjModel, differs: np.ndarray, measured: list[int]) -> tuple[str, ...]:
-    """Unmeasured joints whose position (nq,) differs between episodes.
-
-    Without those of loose and gliding objects.
-    """
+def _unseen(model: mujoco.MjModel, differs: np.ndarray) -> tuple[str, ...]:
+    """Joints whose position (nq,) differs between episodes, without those of loose objects."""
     differs = differs.copy()
-    differs[measured] = False
-    differs[model.jnt_qposadr[gliding_joints(model, measured)]] = False
     for place in loose_places(model):
         differs[place : place + 7] = False
     ends = [*model.jnt_qposadr[1:], model.nq]

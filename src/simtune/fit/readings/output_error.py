@@ -117,7 +117,7 @@ class OutputErrorMethod:
         """
         loop = self._loop
         segments = stage.segments_of(readings)
-        stretches = loop.cut_at(readings, begin.unit, begin.offsets, segments)
+        stretches = loop.states_of(readings, begin.unit, begin.offsets).cut(segments)
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         derived_s = self.num_worlds * (time.monotonic() - began_s)
@@ -134,7 +134,8 @@ class OutputErrorMethod:
 
     def follow(self, readings: Readings, guess: Guess) -> Segments:
         """Whole episodes, or the segments of them that replay can follow."""
-        return follow(self._loop, readings, guess.unit, guess.offsets)
+        loop = self._loop
+        return follow(loop, loop.states_of(readings, guess.unit, guess.offsets), guess.unit)
 
     @property
     def num_worlds(self) -> int:

@@ -7,6 +7,8 @@ import numpy as np
 from simtune.fit.motion.windows import window_starts
 from simtune.fit.readings.stretches import Readings
 
+FEWEST_STEPS = 8
+
 
 class Segments(NamedTuple):
     """Where W segments of episodes lie."""

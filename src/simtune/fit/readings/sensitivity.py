@@ -11,6 +11,7 @@ from simtune.fit.readings.growth import follow, growth
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
+from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.observation import (
     ObservationModel,
@@ -97,9 +98,9 @@ class ReplayedReadings:
             readings.actions[:MOST_EPISODES, :steps], readings.values[:MOST_EPISODES, : steps + 1]
         )
         no_offsets = np.zeros(few.values.shape[-1])
-        self._stretches = self._loop.cut(few, self._unit, no_offsets)
-        segments = follow(self._loop, few, self._unit, no_offsets)
-        self._followed = self._loop.cut_at(few, self._unit, no_offsets, segments)
+        read = self._loop.states_of(few, self._unit, no_offsets)
+        self._stretches = read.cut(Segments.evenly(few))
+        self._followed = read.cut(follow(self._loop, read, self._unit))
 
     def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
         """For (N, N) parameters, one changed in each row; noise (D,) of independent readings.
@@ -114,6 +115,10 @@ class ReplayedReadings:
         if not kept.any():
             raise RuntimeError(_ASTRAY)
         away, whole = (predicted[1:] - predicted[0])[:, kept], self._stretches.of(kept)
+        if self._followed is None:
+            information = self._information(whole, noise) * self._share(whole)
+        else:  # of episodes that go astray, what can be followed
+            information = self._information(self._followed, noise) * self._share(self._stretches)
         grown = np.full(len(kept), np.nan)
         grown[kept] = growth(self._loop, whole, self._unit).max(1)
         return ReadingChanges(
@@ -122,7 +127,7 @@ class ReplayedReadings:
             rms=np.sqrt(np.square(away).mean((1, 2))),
             largest=np.abs(away).max((1, 2)),
             noise=noise,
-            information=self._information(self._followed or whole, noise) * self._share(whole),
+            information=information,
             growth=grown,
         )
 
