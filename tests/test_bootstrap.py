@@ -8,10 +8,10 @@ from search_context import context_of, record_episodes
 
 from simtune.budget import Budget, OutOfTime
 from simtune.fit import (
-    Bootstrap,
     FitResult,
     Observed,
     PointEstimate,
+    Refits,
     bound_warnings,
     calibrated,
     correlated_pairs,
@@ -20,7 +20,7 @@ from simtune.fit import (
     run_bootstrap,
     too_late_warning,
 )
-from simtune.fit.calibration.bootstrap import believed_std, usual_std
+from simtune.fit.calibration.refits import believed_std, usual_std
 from simtune.fit.lateness import is_too_late
 from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
@@ -30,7 +30,7 @@ from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearc
 from simtune.simulation import Rollouts
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.fit_stage import FitStage, RefitPlan
 from simtune.tuning.fit_verdict import conclude
 from simtune.tuning.joint import Joint
 from simtune.tuning.range_update import RangeUpdateConfig
@@ -75,9 +75,9 @@ def a_fit(
     )
 
 
-def bootstrap_of(errors: np.ndarray) -> Bootstrap:
+def refits_of(errors: np.ndarray) -> Refits:
     is_moving = ~np.isin(np.arange(len(SPACE)), APPEARANCE)
-    return Bootstrap(errors, is_moving, [a_fit().misfit] * len(errors))
+    return Refits(errors, is_moving, [a_fit().misfit] * len(errors))
 
 
 class FakeReplayFit:
@@ -103,9 +103,9 @@ def observe_nothing(parameters: np.ndarray, latency_steps: int) -> Observed:
 
 def test_inflation_is_how_much_too_sure_a_fit_is():
     errors = np.random.default_rng(0).normal(size=(40, len(SPACE)))
-    np.testing.assert_allclose(bootstrap_of(errors).inflation(), 1, atol=0.5)
-    np.testing.assert_allclose(bootstrap_of(3 * errors).inflation(), 3, atol=1)
-    assert (bootstrap_of(errors[:0]).inflation() == 3).all()  # nothing known: careful
+    np.testing.assert_allclose(refits_of(errors).inflation(), 1, atol=0.5)
+    np.testing.assert_allclose(refits_of(3 * errors).inflation(), 3, atol=1)
+    assert (refits_of(errors[:0]).inflation() == 3).all()  # nothing known: careful
 
 
 @pytest.mark.parametrize("size", [0.7, 1.0, 2.5])
@@ -114,7 +114,7 @@ def test_intervals_inflated_by_few_refits_cover_as_often_as_they_say(num_refits,
     rng, held = np.random.default_rng(0), []
     for _ in range(400):
         errors = size * rng.normal(size=(num_refits + 1, len(SPACE)))
-        known = bootstrap_of(errors[1:])
+        known = refits_of(errors[1:])
         held.append(np.abs(errors[0] - known.bias()) < 1.645 * known.inflation())
     moving, others = np.mean(held, 0)[MOVING], np.mean(held, 0)[APPEARANCE]
     # Two alone do not outweigh what is expected of fits before any refit.
@@ -126,25 +126,25 @@ def test_intervals_inflated_by_few_refits_cover_as_often_as_they_say(num_refits,
 def test_bias_is_what_errors_share_as_far_as_it_stands_out_from_chance():
     errors = np.zeros((4, len(SPACE)))
     errors[:, 0], errors[:, 1] = [1.0, 1.2, 0.8, 1.0], [1.0, -1.0, 0.5, -0.5]
-    bias = bootstrap_of(errors).bias()
+    bias = refits_of(errors).bias()
     # By hand: squares .08, and two of what is claimed; (.08 + 2) / (3 + 2) / 4 = .104 of variance.
     # The lower quartile is .95
     assert bias[0] == pytest.approx(0.95 * (1.0 - 0.104))
     assert (bias[1:] == 0).all()
-    assert (bootstrap_of(errors[:2]).bias() == 0).all()  # two may well agree by chance
+    assert (refits_of(errors[:2]).bias() == 0).all()  # two may well agree by chance
     errors[:, 2] = [-3.0, 0.1, -2.5, -0.1]  # half of them did not arrive, from one side
     # The upper quartile is −.05, the mean −1.375, and its variance (7.71 + 2) / 5 / 4 = .485.
     expected = -0.05 * (1 - 0.485 / 1.375**2)
-    assert bootstrap_of(errors).bias()[2] == pytest.approx(expected, rel=1e-2)
+    assert refits_of(errors).bias()[2] == pytest.approx(expected, rel=1e-2)
     wild = np.vstack([errors, 100 * np.ones(len(SPACE))])
-    assert bootstrap_of(wild).bias().max() < 1.5
+    assert refits_of(wild).bias().max() < 1.5
 
 
 def test_what_all_refits_share_is_taken_off_and_narrows_what_is_left():
     rng, off, left, held = np.random.default_rng(0), [], [], []
     for _ in range(300):
         errors = 1.0 + 0.5 * rng.normal(size=(7, len(SPACE)))
-        known = bootstrap_of(errors[1:])
+        known = refits_of(errors[1:])
         off.append(np.abs(errors[0]))
         left.append(np.abs(errors[0] - known.bias()))
         held.append(left[-1] < 1.645 * known.inflation())
@@ -153,7 +153,7 @@ def test_what_all_refits_share_is_taken_off_and_narrows_what_is_left():
 
 
 def test_judged_moves_the_estimate_by_the_bias_unless_the_real_fit_is_worse():
-    known = replace(bootstrap_of(np.full((8, len(SPACE)), 1.0)), misfits=[a_misfit(0.3)] * 8)
+    known = replace(refits_of(np.full((8, len(SPACE)), 1.0)), misfits=[a_misfit(0.3)] * 8)
     for motion, share in ((0.3, 1.0), (0.6, 0.5)):
         fit = a_fit(motion=motion, picture=0.004)
         moved = SPACE.to_unit(calibrated(fit, known, SPACE).parameters) - SPACE.to_unit(
@@ -167,7 +167,7 @@ def test_judged_moves_the_estimate_by_the_bias_unless_the_real_fit_is_worse():
 
 def test_ranks_by_hand_use_the_inflation_of_the_other_refits():
     errors = np.array([[0.0] * len(SPACE), [1.0] * len(SPACE), [-2.0] * len(SPACE)])
-    ranks = bootstrap_of(errors).ranks()
+    ranks = refits_of(errors).ranks()
     assert ranks.shape == errors.shape
     np.testing.assert_allclose(ranks[0], 0.5)
     assert (ranks[1] < 0.5).all()  # the estimate was too high: the truth is low in its curve
@@ -180,7 +180,7 @@ def test_astray_refits_are_left_out_unless_all_are():
         lambda _: replace(real, misfit=a_misfit(distances[len(replay_fit.starts) - 1], picture=0.0))
     )
 
-    def bootstrap(num: int) -> Bootstrap:
+    def bootstrap(num: int) -> Refits:
         replay_fit.starts.clear()
         start = PointEstimate(real.parameters, np.full(len(SPACE), 0.02))
         return run_bootstrap(
@@ -287,7 +287,7 @@ def test_refit_errors_are_in_units_of_the_claimed_std():
 
 
 def test_a_claim_smaller_than_usual_is_luck_and_a_larger_one_counts_by_half():
-    known = replace(bootstrap_of(np.zeros((3, 3))), usual_std=np.full(3, 0.02))
+    known = replace(refits_of(np.zeros((3, 3))), usual_std=np.full(3, 0.02))
     np.testing.assert_allclose(known.believed(np.array([0.002, 0.02, 0.08])), [0.02, 0.02, 0.04])
     unknown = replace(known, errors=np.zeros((0, 3)))
     np.testing.assert_allclose(unknown.believed(np.array([0.002, 0.02, 0.08])), [0.02, 0.02, 0.08])
@@ -301,27 +301,26 @@ def test_intervals_hold_though_claims_vary_by_chance():
         claims = 0.005 * np.exp(0.8 * rng.normal(size=errors.shape))
         usual = usual_std(claims[1:], replace(fit, std=claims[0]), rough)
         ratios = errors[1:] / believed_std(claims[1:], usual, 2)
-        known = replace(bootstrap_of(ratios), usual_std=usual)
+        known = replace(refits_of(ratios), usual_std=usual)
         off.append(np.abs(errors[0]) / known.believed(claims[0]) / known.inflation())
     assert 0.9 < (np.array(off)[:, MOVING] < 1.645).mean() < 0.98
     assert np.quantile(np.array(off)[:, MOVING], 0.98) < 2.4  # 2.9 if small claims count by half
 
 
 def test_intervals_widen_where_reality_fits_worse_than_refits():
-    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
-    same = calibrated(a_fit(), bootstrap, SPACE).std
-    worse = calibrated(a_fit(motion=0.6, picture=0.012), bootstrap, SPACE).std
+    refits = refits_of(np.zeros((8, len(SPACE))))
+    same = calibrated(a_fit(), refits, SPACE).std
+    worse = calibrated(a_fit(motion=0.6, picture=0.012), refits, SPACE).std
     np.testing.assert_allclose(worse[MOVING] / same[MOVING], 2)
     np.testing.assert_allclose(worse[APPEARANCE] / same[APPEARANCE], 3**0.5)
-    np.testing.assert_allclose(same, bootstrap.inflation() * a_fit().std)
+    np.testing.assert_allclose(same, refits.inflation() * a_fit().std)
 
 
 def test_a_colour_whose_own_pixels_are_not_explained_is_told_less_and_others_as_well_as_before():
-    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
+    refits = refits_of(np.zeros((8, len(SPACE))))
     noise = np.where(np.arange(len(APPEARANCE)) == 1, 0.02, 0.004)
     wider = (
-        calibrated(a_fit(picture=noise), bootstrap, SPACE).std
-        / calibrated(a_fit(), bootstrap, SPACE).std
+        calibrated(a_fit(picture=noise), refits, SPACE).std / calibrated(a_fit(), refits, SPACE).std
     )
     np.testing.assert_allclose(wider, np.where(np.arange(len(SPACE)) == APPEARANCE[1], 5**0.5, 1))
 
@@ -330,23 +329,23 @@ def test_what_is_drawn_elsewhere_is_told_less_and_so_is_the_motion():
     """Hand arithmetic: pixels 16 times as noisy as in any refit, and a tenth of the scale off."""
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
-    bootstrap, last = bootstrap_of(np.zeros((8, len(SPACE)))), APPEARANCE[-1]
-    usual = calibrated(a_fit(), bootstrap, SPACE).std
+    refits, last = refits_of(np.zeros((8, len(SPACE)))), APPEARANCE[-1]
+    usual = calibrated(a_fit(), refits, SPACE).std
 
     def of(noise: float) -> FitResult:
         return a_fit(picture=np.where(np.array(APPEARANCE) == last, noise, 0.004))
 
-    wider = calibrated(of(0.064), bootstrap, SPACE).std / usual
+    wider = calibrated(of(0.064), refits, SPACE).std / usual
     np.testing.assert_allclose(wider[MOVING], 4)
     np.testing.assert_allclose(wider[APPEARANCE[:-1]], 1)
     assert wider[last] == pytest.approx(16)
-    found, _ = conclude(curves, of(0.064), bootstrap, first, first, RangeUpdateConfig())
+    found, _ = conclude(curves, of(0.064), refits, first, first, RangeUpdateConfig())
     at_most_weak = np.isin(np.arange(len(SPACE)), [*MOVING, last])
     np.testing.assert_array_equal(np.array(found.verdict) == "identified", ~at_most_weak)
     (warning,) = found.warnings
     assert warning.startswith(f"What shows {SPACE.names[last]} is not where the fit has it")
     assert "16 of 255 levels off, 16 times as far" in warning
-    alike, _ = conclude(curves, of(0.023), bootstrap, first, first, RangeUpdateConfig())
+    alike, _ = conclude(curves, of(0.023), refits, first, first, RangeUpdateConfig())
     assert alike.warnings == []  # six times as noisy: as another renderer draws it
 
 
@@ -373,7 +372,7 @@ def test_known_worlds_begin_where_the_real_episodes_did():
     stage = FitStage(context, model, known, exact, AllEvidence(()))
     observed = stage.observed([real] * 4, [model.detect(real.frames)] * 4)
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
-    made = stage.bootstrap(observed, fit, start, 2, 3, rng, False, Budget())
+    made = stage.refit(observed, fit, start, RefitPlan(2, 3), rng, False, Budget())
     assert len(made.errors) == len(played) == 2
     for world in played:
         np.testing.assert_array_equal(world.states[:, 0], begun[:3])
@@ -416,48 +415,48 @@ def test_a_fit_without_refits_is_no_surer_than_fits_usually_are():
 @pytest.mark.parametrize("size", [0.2, 3.0])
 def test_many_refits_narrow_what_is_claimed_too_wide_and_widen_what_is_too_sure(size):
     errors = size * np.random.default_rng(0).normal(size=(8, len(SPACE)))
-    np.testing.assert_allclose(bootstrap_of(errors).inflation() / size, 1.4, atol=0.6)
+    np.testing.assert_allclose(refits_of(errors).inflation() / size, 1.4, atol=0.6)
 
 
 def test_each_parameter_is_judged_by_its_own_refits_beside_those_of_its_kind():
     errors = np.random.default_rng(0).normal(size=(8, len(SPACE)))
     errors[:, APPEARANCE[0]] *= 0.1
-    found = bootstrap_of(errors).inflation()[APPEARANCE]
+    found = refits_of(errors).inflation()[APPEARANCE]
     assert found[0] < 0.7 * found[1:].min()
 
 
 def test_the_worst_sensor_widens_intervals():
-    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
-    bootstrap = replace(bootstrap, misfits=[a_misfit(0.3, 0.01)] * 8)
+    refits = refits_of(np.zeros((8, len(SPACE))))
+    refits = replace(refits, misfits=[a_misfit(0.3, 0.01)] * 8)
     fit = replace(a_fit(), sensors=(KEYPOINTS, ANGLE), misfit=a_misfit(0.3, 0.05))
-    assert bootstrap.motion_ratios(fit.misfit) == pytest.approx([1, 5])
-    std = calibrated(fit, bootstrap, SPACE).std
-    np.testing.assert_allclose(std[MOVING], 5 * bootstrap.inflation()[MOVING] * 0.01)
-    np.testing.assert_allclose(std[APPEARANCE], bootstrap.inflation()[APPEARANCE] * 0.01)
+    assert refits.motion_ratios(fit.misfit) == pytest.approx([1, 5])
+    std = calibrated(fit, refits, SPACE).std
+    np.testing.assert_allclose(std[MOVING], 5 * refits.inflation()[MOVING] * 0.01)
+    np.testing.assert_allclose(std[APPEARANCE], refits.inflation()[APPEARANCE] * 0.01)
     held = {
         "sensors": {
             "keypoints": {"unit": "px", "distance": 0.3, "known_worlds": [0.3] * 8},
             "angle": {"unit": "rad", "distance": 0.05, "known_worlds": [0.01] * 8},
         }
     }
-    told = held_out_misfit(replace(fit, held_out=4), bootstrap)
+    told = held_out_misfit(replace(fit, held_out=4), refits)
     assert told == {"episode": 5, "passed": False} | held
     alike = replace(fit, misfit=a_misfit(0.3, 0.01))
-    assert held_out_misfit(alike, bootstrap)["passed"]
-    assert held_out_misfit(alike, bootstrap)["episode"] is None
-    assert held_out_misfit(fit, replace(bootstrap, misfits=[]))["passed"] is None
-    (warning,) = model_checks(fit, bootstrap)
+    assert held_out_misfit(alike, refits)["passed"]
+    assert held_out_misfit(alike, refits)["episode"] is None
+    assert held_out_misfit(fit, replace(refits, misfits=[]))["passed"] is None
+    (warning,) = model_checks(fit, refits)
     assert "angle are 0.05 rad off, 5.0 times as far as" in warning
 
 
 def test_a_real_camera_widens_intervals_by_its_discrepancy():
-    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
+    refits = refits_of(np.zeros((8, len(SPACE))))
     filmed = ObservationModel.of_reality().discrepancy_std(SPACE.is_appearance)
     simulated = ObservationModel.of_simulator().discrepancy_std(SPACE.is_appearance)
     np.testing.assert_array_equal(simulated, 0)
     np.testing.assert_allclose(filmed, np.where(a_fit().is_moving, 0.005, 0.02))
     fit = replace(a_fit(), discrepancy_std=filmed)
-    off = bootstrap_of(np.resize([[1.5], [-1.5]], (8, 1)) * np.ones(len(SPACE)))
+    off = refits_of(np.resize([[1.5], [-1.5]], (8, 1)) * np.ones(len(SPACE)))
     # Refits have cameras, and no other discrepancy
     widened = np.where(
         fit.is_moving,
@@ -466,9 +465,9 @@ def test_a_real_camera_widens_intervals_by_its_discrepancy():
     )
     np.testing.assert_allclose(calibrated(fit, off, SPACE).std, widened)
     # Refits that all find the truth do not know what the camera does.
-    factor = bootstrap.inflation()
+    factor = refits.inflation()
     assert factor.max() < 0.7
-    exact = calibrated(replace(fit, std=np.full(len(SPACE), 0.001)), bootstrap, SPACE).std
+    exact = calibrated(replace(fit, std=np.full(len(SPACE), 0.001)), refits, SPACE).std
     of_motion = np.hypot(0.001 * factor, filmed)
     np.testing.assert_allclose(exact, np.where(fit.is_moving, of_motion, filmed))
 
@@ -545,7 +544,7 @@ def test_what_is_held_says_nothing_of_how_well_the_rest_is_found():
     errors = 4.0 * np.random.default_rng(0).normal(size=(6, len(SPACE)))
     held = MOVING[:-1]
     errors[:, held] = 0.1
-    usual = Bootstrap(errors, a_fit().is_moving)
+    usual = Refits(errors, a_fit().is_moving)
     told = replace(usual, unfitted=held)
     alone = replace(
         usual, errors=np.delete(errors, held, 1), is_moving=np.delete(a_fit().is_moving, held)
@@ -559,36 +558,36 @@ def test_what_is_held_says_nothing_of_how_well_the_rest_is_found():
 
 
 def test_misfit_that_cannot_be_told_makes_everything_that_moves_unsure():
-    bootstrap = bootstrap_of(np.zeros((2, len(SPACE))))
+    refits = refits_of(np.zeros((2, len(SPACE))))
     lost = a_fit(motion=float("nan"))
-    assert np.isinf(calibrated(lost, bootstrap, SPACE).std[MOVING]).all()
-    told = held_out_misfit(lost, bootstrap)
+    assert np.isinf(calibrated(lost, refits, SPACE).std[MOVING]).all()
+    told = held_out_misfit(lost, refits)
     assert told["passed"] is False
     assert told["sensors"]["keypoints"]["distance"] is None
-    assert np.isfinite(calibrated(lost, bootstrap, SPACE).std[APPEARANCE]).all()
-    nowhere = replace(bootstrap, misfits=[lost.misfit] * 2)
-    for known in (nowhere, replace(bootstrap, misfits=[])):  # nothing to compare with
+    assert np.isfinite(calibrated(lost, refits, SPACE).std[APPEARANCE]).all()
+    nowhere = replace(refits, misfits=[lost.misfit] * 2)
+    for known in (nowhere, replace(refits, misfits=[])):  # nothing to compare with
         assert np.isfinite(calibrated(lost, known, SPACE).std).all()
         assert not any("No setting" in warning for warning in model_checks(lost, known))
         assert held_out_misfit(lost, known)["passed"] is None
-    one_lost = replace(bootstrap, misfits=[lost.misfit, a_fit().misfit])
+    one_lost = replace(refits, misfits=[lost.misfit, a_fit().misfit])
     assert model_checks(a_fit(motion=0.9), one_lost), "a refit that was lost silences nothing"
 
 
 def test_a_single_refit_is_said_to_be_one():
-    (warning,) = model_checks(a_fit(), bootstrap_of(np.zeros((1, len(SPACE)))))
+    (warning,) = model_checks(a_fit(), refits_of(np.zeros((1, len(SPACE)))))
     assert "single known world" in warning
-    assert model_checks(a_fit(), bootstrap_of(np.zeros((2, len(SPACE))))) == []
+    assert model_checks(a_fit(), refits_of(np.zeros((2, len(SPACE))))) == []
 
 
 def test_model_checks_warn_of_misfit_and_of_latency():
-    bootstrap = bootstrap_of(np.zeros((8, len(SPACE))))
-    assert model_checks(a_fit(), bootstrap) == []
-    (warning,) = model_checks(a_fit(motion=0.9), bootstrap)
+    refits = refits_of(np.zeros((8, len(SPACE))))
+    assert model_checks(a_fit(), refits) == []
+    (warning,) = model_checks(a_fit(motion=0.9), refits)
     assert "keypoints are 0.90 px off, 3.0 times" in warning
-    (warning,) = model_checks(a_fit(motion=float("nan")), bootstrap)
+    (warning,) = model_checks(a_fit(motion=float("nan")), refits)
     assert "nothing that moves is found for sure" in warning
-    (warning,) = model_checks(a_fit(latency_steps=1), bootstrap)
+    (warning,) = model_checks(a_fit(latency_steps=1), refits)
     assert "1 step later" in warning
 
 
@@ -603,7 +602,7 @@ def test_pairs_of_any_kind_are_told_where_their_errors_go_together():
 
 def test_correlations_are_those_of_the_intervals_once_refits_have_judged_them():
     """What no fit can see goes with nothing: of twice the variance, half the correlation."""
-    known = bootstrap_of(np.zeros((8, len(SPACE))))
+    known = refits_of(np.zeros((8, len(SPACE))))
     factor = known.inflation()[0]
     for worse in (1.0, 3.0):  # the real fit explains less than refits do: its own part grows
         unseen = replace(
@@ -618,7 +617,7 @@ def test_correlations_are_those_of_the_intervals_once_refits_have_judged_them():
 
 def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
     late = replace(a_fit(), late_s=np.array([0.0375, 0.0001]), is_too_late=True)
-    (warning,) = model_checks(late, bootstrap_of(np.zeros((8, len(SPACE)))))
+    (warning,) = model_checks(late, refits_of(np.zeros((8, len(SPACE)))))
     assert "Pictures come 38 ms late, the most that is fitted" in warning
     assert "come 38 ms early" in too_late_warning("Readings", -0.0375)
     assert [is_too_late(steps) for steps in (0.6, 0.72, -0.75)] == [False, True, True]
@@ -649,7 +648,7 @@ def test_blocks_of_covariances_become_one_correlation():
 def test_without_a_refit_nothing_is_called_identified_and_that_is_said():
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
-    judged, none = bootstrap_of(np.zeros((3, len(SPACE)))), bootstrap_of(np.zeros((0, len(SPACE))))
+    judged, none = refits_of(np.zeros((3, len(SPACE)))), refits_of(np.zeros((0, len(SPACE))))
     config = RangeUpdateConfig()
     sure, _ = conclude(curves, a_fit(), judged, first, first, config)
     assert sure.verdict == ["identified"] * len(SPACE)
@@ -666,7 +665,7 @@ def test_without_a_refit_nothing_is_called_identified_and_that_is_said():
 def test_where_known_worlds_show_nothing_for_sure_nothing_is_called_identified():
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
-    known = bootstrap_of(np.zeros((3, len(SPACE))))
+    known = refits_of(np.zeros((3, len(SPACE))))
     unseen = replace(known, misfits=[a_misfit(np.nan)] * 3)
     found, _ = conclude(curves, a_fit(motion=9.0), unseen, first, first, RangeUpdateConfig())
     assert found.held_out["passed"] is None
@@ -677,7 +676,7 @@ def test_where_known_worlds_show_nothing_for_sure_nothing_is_called_identified()
 def test_what_a_fit_leaves_at_a_bound_is_not_called_identified():
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
-    known, mass = bootstrap_of(np.zeros((3, len(SPACE)))), SPACE.index("pole_mass")
+    known, mass = refits_of(np.zeros((3, len(SPACE)))), SPACE.index("pole_mass")
     at_bound = replace(a_fit(), parameters=SPACE.nominal.copy())
     at_bound.parameters[mass] = SPACE.high[mass]
     found, _ = conclude(curves, at_bound, known, first, first, RangeUpdateConfig())
@@ -695,7 +694,7 @@ def concluded(space: ParameterSpace, unit_of_first: float) -> Estimate:
     at = np.full(len(space), 0.5)
     at[mass] = unit_of_first
     parameters = np.where(np.arange(len(space)) == mass, first.from_range_unit(at), space.nominal)
-    fit, known = replace(a_fit(), parameters=parameters), bootstrap_of(np.zeros((3, len(space))))
+    fit, known = replace(a_fit(), parameters=parameters), refits_of(np.zeros((3, len(space))))
     return conclude(curves, fit, known, first, first, RangeUpdateConfig())[0]
 
 

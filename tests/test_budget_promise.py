@@ -14,7 +14,7 @@ from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
-from simtune.fit import Bootstrap, FitConfig, ParticleConfig
+from simtune.fit import FitConfig, ParticleConfig, Refits
 from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning_run import tune
@@ -67,15 +67,15 @@ def run_s(out: Path, settings: Settings, machine: SlowMachine, seconds: float) -
 
 
 @pytest.fixture
-def bootstraps(monkeypatch) -> list[Bootstrap]:
+def refitted(monkeypatch) -> list[Refits]:
     """What each round's refits showed."""
-    made, run = [], FitStage.bootstrap
+    made, run = [], FitStage.refit
 
-    def watched(*given) -> Bootstrap:
+    def watched(*given) -> Refits:
         made.append(run(*given))
         return made[-1]
 
-    monkeypatch.setattr(FitStage, "bootstrap", watched)
+    monkeypatch.setattr(FitStage, "refit", watched)
     return made
 
 
@@ -107,22 +107,22 @@ def test_a_run_ends_in_time_however_slow_the_machine_is(tmp_path, settings, fact
 
 @pytest.mark.slow
 def test_intervals_are_three_times_as_wide_where_there_is_no_time_for_refits(
-    tmp_path, settings, bootstraps
+    tmp_path, settings, refitted
 ):
     machine = MACHINE.slower(20)
     least_s, _ = needed_s(tmp_path / "asked", settings, machine)
     run_s(tmp_path / "late", settings, machine, 1.1 * least_s)
-    (late,) = bootstraps
+    (late,) = refitted
     assert len(late.errors) == 0
     np.testing.assert_array_equal(late.inflation(), 3.0)
     assert (tmp_path / "late" / "report.html").is_file()
 
 
 @pytest.mark.slow
-def test_a_round_that_has_its_time_has_its_refits(tmp_path, settings, bootstraps):
+def test_a_round_that_has_its_time_has_its_refits(tmp_path, settings, refitted):
     _, whole_s = needed_s(tmp_path / "asked", settings, MACHINE)
     run_s(tmp_path / "run", settings, MACHINE.slower(1), whole_s)
-    assert all(len(bootstrap.misfits) >= 2 for bootstrap in bootstraps)
+    assert all(len(refits.misfits) >= 2 for refits in refitted)
 
 
 @pytest.mark.parametrize("more", [1.0, 2.5])

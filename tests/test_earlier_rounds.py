@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simtune.fit import Bootstrap
+from simtune.fit import Refits
 from simtune.fit.result import Misfit
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
 
 
-def refits(num: int) -> Bootstrap:
+def refits(num: int) -> Refits:
     misfits = [Misfit((0.3, float("nan")), (0.004,))] * num
     errors = np.random.default_rng(num).normal(size=(num, 3))
     is_moving, usual = np.array([True, True, False]), np.full(3, 0.01)
-    return Bootstrap(errors, is_moving, misfits, usual, np.array([1]))
+    return Refits(errors, is_moving, misfits, usual, np.array([1]))
 
 
 @pytest.mark.parametrize(
@@ -54,13 +54,13 @@ def test_it_survives_json():
     earlier = EarlierRounds(refits(2), estimate)
     back = EarlierRounds.from_json(json.loads(json.dumps(earlier.to_json())))
     for key in ("errors", "is_moving", "usual_std", "unfitted"):
-        one, other = getattr(back.bootstrap, key), getattr(earlier.bootstrap, key)
+        one, other = getattr(back.refits, key), getattr(earlier.refits, key)
         np.testing.assert_array_equal(one, other)
         assert one.dtype == other.dtype
-    assert repr(back.bootstrap.misfits) == repr(earlier.bootstrap.misfits)  # NaN is not itself
+    assert repr(back.refits.misfits) == repr(earlier.refits.misfits)  # NaN is not itself
     np.testing.assert_array_equal(back.estimate.low, estimate.low)
     none = EarlierRounds.from_json(json.loads(json.dumps(EarlierRounds(refits(0)).to_json())))
-    assert none.bootstrap.errors.shape == (0, 3)
+    assert none.refits.errors.shape == (0, 3)
     assert none.estimate is None
     unknown = replace(refits(2), usual_std=None)
-    assert Bootstrap.from_json(unknown.to_json()).usual_std is None
+    assert Refits.from_json(unknown.to_json()).usual_std is None

@@ -1,6 +1,6 @@
 """Fits of physics and appearance to observations: refine a rough estimate to about one per cent."""
 
-from simtune.fit.calibration.bootstrap import Bootstrap
+from simtune.fit.calibration.bootstrap import FEW_EPISODES, MANY_EPISODES, run_bootstrap
 from simtune.fit.calibration.model_checks import (
     elsewhere_warning,
     has_comparison,
@@ -8,7 +8,7 @@ from simtune.fit.calibration.model_checks import (
     is_motion_unexplained,
     model_checks,
 )
-from simtune.fit.calibration.refits import FEW_EPISODES, MANY_EPISODES, run_bootstrap
+from simtune.fit.calibration.refits import Refits
 from simtune.fit.calibration.uncertainty import (
     calibrated,
     correlated_pairs,
@@ -51,7 +51,6 @@ __all__ = [
     "FEW_EPISODES",
     "MANY_EPISODES",
     "MOST_EPISODES",
-    "Bootstrap",
     "Descent",
     "FitConfig",
     "FitResult",
@@ -68,6 +67,7 @@ __all__ = [
     "Physics",
     "PointEstimate",
     "Readings",
+    "Refits",
     "ReplayFit",
     "ReplayStage",
     "ShootingConfig",

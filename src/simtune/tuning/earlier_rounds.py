@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from simtune.fit import Bootstrap
+from simtune.fit import Refits
 from simtune.tuning.estimate import Estimate
 
 _FEW = 2  # refits of a new round that count more than any number of earlier ones
@@ -14,12 +14,12 @@ _FEW = 2  # refits of a new round that count more than any number of earlier one
 class EarlierRounds:
     """What they concluded, also those of an earlier session."""
 
-    bootstrap: Bootstrap | None = None  # None: no known world was fitted
+    refits: Refits | None = None  # None: no known world was fitted
     estimate: Estimate | None = None  # None: nothing was fitted
 
-    def refits_to_trust(self, made: Bootstrap) -> Bootstrap:
+    def refits_to_trust(self, made: Refits) -> Refits:
         """The refits to judge by: those just `made`, or an earlier round's, if it had more time."""
-        before = self.bootstrap
+        before = self.refits
         if before is None or len(made.misfits) >= min(_FEW, len(before.misfits)):
             return made
         return before
@@ -30,13 +30,11 @@ class EarlierRounds:
 
     def to_json(self) -> dict[str, Any]:
         """As a checkpoint holds it."""
-        parts = {"bootstrap": self.bootstrap, "estimate": self.estimate}
+        parts = {"refits": self.refits, "estimate": self.estimate}
         return {name: part and part.to_json() for name, part in parts.items()}
 
     @classmethod
     def from_json(cls, saved: Mapping[str, Any]) -> "EarlierRounds":
         """The inverse of `to_json`."""
-        bootstrap, estimate = saved["bootstrap"], saved["estimate"]
-        return cls(
-            bootstrap and Bootstrap.from_json(bootstrap), estimate and Estimate.from_json(estimate)
-        )
+        refits, estimate = saved["refits"], saved["estimate"]
+        return cls(refits and Refits.from_json(refits), estimate and Estimate.from_json(estimate))

@@ -2,18 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit import (
-    Bootstrap,
     FitResult,
     Lateness,
     Observed,
     Photometry,
     Physics,
     PointEstimate,
+    Refits,
     ReplayFit,
     StateEstimator,
     run_bootstrap,
@@ -39,6 +40,13 @@ from simtune.vision.keypoint_tracks import KeypointTracks
 # from below and above end .008 apart in a mass's unit coordinate at ten times the noise, .005 at
 # thirty and at a hundred.
 _NOISE_INFLATION = 30.0
+
+
+class RefitPlan(NamedTuple):
+    """How many known worlds to begin to fit, and the first episodes of each that are played."""
+
+    num_worlds: int
+    num_episodes: int
 
 
 @dataclass(frozen=True)
@@ -163,26 +171,24 @@ class FitStage:
         replay_fit = self.replay_fit.within(budget)
         return replay_fit.fit(observed, start, range(most + 1), extend_horizon)
 
-    def bootstrap(
+    def refit(
         self,
         observed: Observed,
         fit: FitResult,
         start: PointEstimate,
-        num_worlds: int,
-        num_episodes: int,
+        plan: RefitPlan,
         rng: np.random.Generator,
         extend_horizon: bool,
         budget: Budget,
-    ) -> Bootstrap:
+    ) -> Refits:
         """Film and fit known worlds near `fit`, which begin as it does and play the same actions.
 
-        Each has the first `num_episodes`. Fewer worlds if `budget` is over before: an unfinished
-        refit does not count.
+        Fewer worlds than planned if `budget` is over before: an unfinished refit does not count.
         """
-        actions, observation = observed.actions[:num_episodes], self.context.observation
+        actions, observation = observed.actions[: plan.num_episodes], self.context.observation
         # What an action moves depends on where objects stand. With the box elsewhere, actions that
         # had moved ALOHA's real box moved nothing.
-        starts = fit.starts[:num_episodes]
+        starts = fit.starts[: plan.num_episodes]
 
         def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed | None:
             worlds = np.repeat(parameters[None], len(actions), 0)
@@ -199,7 +205,7 @@ class FitStage:
 
         replay_fit = self.replay_fit.within(budget)
         return run_bootstrap(
-            replay_fit, synthesize, fit, start, num_worlds, rng, extend_horizon, budget
+            replay_fit, synthesize, fit, start, plan.num_worlds, rng, extend_horizon, budget
         )
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.fit import (
-    Bootstrap,
     FitResult,
+    Refits,
     bound_warnings,
     calibrated,
     correlated_pairs,
@@ -39,13 +39,13 @@ def conclude_by_networks(
 def conclude(
     prob_higher: np.ndarray,
     fit: FitResult,
-    bootstrap: Bootstrap,
+    refits: Refits,
     searched: Distribution,
     first: Distribution,
     config: RangeUpdateConfig,
 ) -> tuple[Estimate, np.ndarray]:
     """The estimate and its (N, C) curves: the fit's, with the posterior network's for tails."""
-    space, trusted = searched.space, calibrated(fit, bootstrap, searched.space)
+    space, trusted = searched.space, calibrated(fit, refits, searched.space)
     mean, std = to_range_units(trusted, searched)
     curves = with_fit(prob_higher, mean, std, config.posterior_net_weight)
     read = read_curves(curves, searched, first, config)
@@ -54,10 +54,10 @@ def conclude(
     at_ends = reach_warnings(space, side, read.mean)
     at_ends |= bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
     # If the model lacks something else, none of its numbers is identified.
-    is_wrong = is_motion_unexplained(fit, bootstrap) or fit.is_too_late
-    is_sound = has_comparison(bootstrap) and not is_wrong
+    is_wrong = is_motion_unexplained(fit, refits) or fit.is_too_late
+    is_sound = has_comparison(refits) and not is_wrong
     doubtful = np.array([not is_sound or name in at_ends for name in space.names])
-    elsewhere = bootstrap.is_elsewhere(fit.misfit)
+    elsewhere = refits.is_elsewhere(fit.misfit)
     doubtful[space.is_appearance] |= elsewhere
     doubtful[~space.is_appearance] |= elsewhere.any()
     visible = [space.names[i] for i in np.flatnonzero(space.is_appearance)]
@@ -66,13 +66,13 @@ def conclude(
         verdict=at_most_weak(read.verdict, doubtful),
         correlation=trusted.correlation,
         correlations=correlated_pairs(trusted.correlation, space),
-        ranks=ranks(bootstrap, space.names),
+        ranks=ranks(refits, space.names),
         warnings=[
-            *model_checks(fit, bootstrap),
-            *elsewhere_warning(fit, bootstrap, visible),
+            *model_checks(fit, refits),
+            *elsewhere_warning(fit, refits, visible),
             *at_ends.values(),
         ],
-        held_out=held_out_misfit(fit, bootstrap),
+        held_out=held_out_misfit(fit, refits),
         start=fit.starts[0].tolist(),
         latency_steps=fit.latency_steps,
         pictures_late_s=(float(fit.late_s[0]), float(fit.late_s[1])),

@@ -10,15 +10,15 @@ from simtune.budget import Budget, OutOfTime
 from simtune.fit import (
     FEW_EPISODES,
     MANY_EPISODES,
-    Bootstrap,
     FitResult,
     Observed,
     PointEstimate,
+    Refits,
 )
 from simtune.randomization import Distribution
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate, at_most_weak
-from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.fit_stage import FitStage, RefitPlan
 from simtune.tuning.fit_verdict import conclude
 from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -50,13 +50,6 @@ class Fitted(NamedTuple):
     fit: FitResult
     stage: FitStage
     seconds: float
-
-
-class RefitPlan(NamedTuple):
-    """How many known worlds to begin to fit, and how many episodes of each."""
-
-    num_worlds: int
-    num_episodes: int
 
 
 class Judged(NamedTuple):
@@ -134,14 +127,14 @@ class Judging:
             plan = self._plan_refits(observed.actions.shape[:2], fitted.seconds, budget)
         fit, stage, _ = fitted
         if plan.num_worlds:
-            bootstrap = self.earlier.refits_to_trust(Bootstrap.none(fit))
-            callbacks.report_early(self._conclude(fit, bootstrap)[0])
+            refits = self.earlier.refits_to_trust(Refits.none(fit))
+            callbacks.report_early(self._conclude(fit, refits)[0])
         part = budget.part(budget.seconds_left, REFIT)
         rng = self.learning.worlds.rng
-        made = stage.bootstrap(observed, fit, self.start, *plan, rng, is_last, part)
-        bootstrap = self.earlier.refits_to_trust(made)
-        estimate, curves = self._conclude(fit, bootstrap)
-        return Judged(estimate, curves, EarlierRounds(bootstrap, estimate))
+        made = stage.refit(observed, fit, self.start, plan, rng, is_last, part)
+        refits = self.earlier.refits_to_trust(made)
+        estimate, curves = self._conclude(fit, refits)
+        return Judged(estimate, curves, EarlierRounds(refits, estimate))
 
     @property
     def _finds_latency(self) -> bool:
@@ -233,11 +226,11 @@ class Judging:
         episodes = int(np.clip(each_s / (fit_s / num_episodes + film_s), few, many))
         return RefitPlan(config.most_refits if is_worth_it else 0, episodes)
 
-    def _conclude(self, fit: FitResult, bootstrap: Bootstrap) -> tuple[Estimate, np.ndarray]:
+    def _conclude(self, fit: FitResult, refits: Refits) -> tuple[Estimate, np.ndarray]:
         estimate, curves = conclude(
             self.learned.prob_higher,
             fit,
-            bootstrap,
+            refits,
             self.learned.searched,
             self.first,
             self.config.range_update,

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from simtune.fit.calibration.bootstrap import Bootstrap
+from simtune.fit.calibration.refits import Refits
 from simtune.fit.fit_warnings import latency_warning, lateness_warning, too_late_warning
 from simtune.fit.result import FitResult
 
@@ -33,30 +33,30 @@ _ELSEWHERE = (
 )
 
 
-def has_comparison(bootstrap: Bootstrap) -> bool:
+def has_comparison(refits: Refits) -> bool:
     """Whether known worlds show how far off the motion of a right simulator is."""
-    return any(np.isfinite(known.motion).any() for known in bootstrap.misfits)
+    return any(np.isfinite(known.motion).any() for known in refits.misfits)
 
 
-def is_motion_unexplained(fit: FitResult, bootstrap: Bootstrap) -> bool:
+def is_motion_unexplained(fit: FitResult, refits: Refits) -> bool:
     """Whether the motion misfit is far larger than in refits, where the simulator is right."""
-    if not bootstrap.misfits:
+    if not refits.misfits:
         return False
-    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / len(bootstrap.misfits)
-    return bool(max(bootstrap.motion_ratios(fit.misfit)) > limit)
+    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / len(refits.misfits)
+    return bool(max(refits.motion_ratios(fit.misfit)) > limit)
 
 
-def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
+def model_checks(fit: FitResult, refits: Refits) -> list[str]:
     """Warnings for users who rely on the estimates."""
-    if not bootstrap.misfits:
+    if not refits.misfits:
         return [_NOT_JUDGED, *_late(fit)]
-    if not has_comparison(bootstrap):
+    if not has_comparison(refits):
         return [_NOTHING_FOUND, *_late(fit)]
-    warnings, num = [], len(bootstrap.misfits)
+    warnings, num = [], len(refits.misfits)
     if num == 1:
         warnings.append(_HARDLY_JUDGED)
-    if is_motion_unexplained(fit, bootstrap):
-        ratios = bootstrap.motion_ratios(fit.misfit)
+    if is_motion_unexplained(fit, refits):
+        ratios = refits.motion_ratios(fit.misfit)
         ratio, worst = max(ratios), int(np.argmax(ratios))
         (name, unit), distance = fit.sensors[worst], fit.misfit.motion[worst]
         found = (
@@ -73,24 +73,24 @@ def model_checks(fit: FitResult, bootstrap: Bootstrap) -> list[str]:
     return warnings + _late(fit)
 
 
-def elsewhere_warning(fit: FitResult, bootstrap: Bootstrap, visible: Sequence[str]) -> list[str]:
+def elsewhere_warning(fit: FitResult, refits: Refits, visible: Sequence[str]) -> list[str]:
     """If pixels that show `visible` parameters are of something else; see `is_elsewhere`."""
-    which = np.flatnonzero(bootstrap.is_elsewhere(fit.misfit))
+    which = np.flatnonzero(refits.is_elsewhere(fit.misfit))
     if not which.size:
         return []
-    ratios, noise = bootstrap.picture_ratios(fit.misfit)[which], np.array(fit.misfit.picture)[which]
+    ratios, noise = refits.picture_ratios(fit.misfit)[which], np.array(fit.misfit.picture)[which]
     worst, names = int(ratios.argmax()), ", ".join(np.array(visible)[which])
     return [_ELSEWHERE.format(names, 255 * noise[worst], ratios[worst])]
 
 
-def held_out_misfit(fit: FitResult, bootstrap: Bootstrap) -> dict[str, Any]:
+def held_out_misfit(fit: FitResult, refits: Refits) -> dict[str, Any]:
     """How well the fit explains the held-out episode; JSON.
 
     "episode" counts from 1; None: too few episodes. "passed": by `is_motion_unexplained`; None:
     nothing to compare with. Each sensor's "distance" is the fit's, next to those of known worlds.
     """
-    known = [misfit.motion for misfit in bootstrap.misfits]
-    passed = not is_motion_unexplained(fit, bootstrap) if has_comparison(bootstrap) else None
+    known = [misfit.motion for misfit in refits.misfits]
+    passed = not is_motion_unexplained(fit, refits) if has_comparison(refits) else None
     real, *others = ([_or_none(d) for d in motion] for motion in (fit.misfit.motion, *known))
     sensors = {
         name: {"unit": unit, "distance": real[i], "known_worlds": [world[i] for world in others]}

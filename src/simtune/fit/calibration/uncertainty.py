@@ -1,10 +1,10 @@
-"""Uncertainty of a fit: intervals widened by its bootstrap, correlations, ranks."""
+"""Uncertainty of a fit: intervals widened by its refits, correlations, ranks."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from simtune.fit.calibration.bootstrap import Bootstrap
+from simtune.fit.calibration.refits import Refits
 from simtune.fit.result import FitResult, diluted
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
@@ -12,7 +12,7 @@ from simtune.randomization import Distribution
 _WORTH_TELLING = 0.6  # correlation from which a pair is reported
 
 
-def calibrated(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> FitResult:
+def calibrated(fit: FitResult, refits: Refits, space: ParameterSpace) -> FitResult:
     """The fit with bias removed, and with the standard deviations that refits show.
 
     These include what fits like this usually claim; they grow if this one explains the motion, or
@@ -21,16 +21,16 @@ def calibrated(fit: FitResult, bootstrap: Bootstrap, space: ParameterSpace) -> F
     discrepancy is added in the end: refits have none, so they must not scale it down; it is
     independent between parameters, and dilutes correlations.
     """
-    worse = np.full(len(fit.std), max(1.0, *bootstrap.motion_ratios(fit.misfit)))
+    worse = np.full(len(fit.std), max(1.0, *refits.motion_ratios(fit.misfit)))
     # A fit to pictures claims more where pixels are noisier, but `believed` takes half of it away,
     # or all if it claims less than is usual.
-    noisier = np.maximum(1.0, bootstrap.picture_ratios(fit.misfit))
-    elsewhere = bootstrap.is_elsewhere(fit.misfit)
+    noisier = np.maximum(1.0, refits.picture_ratios(fit.misfit))
+    elsewhere = refits.is_elsewhere(fit.misfit)
     worse[fit.is_moving] *= np.sqrt(noisier[elsewhere].max(initial=1))
     worse[~fit.is_moving] = np.where(elsewhere, noisier, np.sqrt(noisier))
-    believed, refitted = bootstrap.believed(fit.std), fit.refitted_discrepancy_std
-    unit = space.to_unit(fit.parameters) - bootstrap.bias() * np.hypot(believed, refitted) / worse
-    inflation = bootstrap.inflation()
+    believed, refitted = refits.believed(fit.std), fit.refitted_discrepancy_std
+    unit = space.to_unit(fit.parameters) - refits.bias() * np.hypot(believed, refitted) / worse
+    inflation = refits.inflation()
     std = inflation * np.hypot(believed * worse, refitted)
     std = np.where(
         fit.is_moving, np.hypot(std, fit.discrepancy_std), np.maximum(std, fit.discrepancy_std)
@@ -61,8 +61,8 @@ def correlated_pairs(correlation: np.ndarray, space: ParameterSpace) -> dict[str
     return found
 
 
-def ranks(bootstrap: Bootstrap, names: tuple[str, ...]) -> dict[str, list[float]]:
+def ranks(refits: Refits, names: tuple[str, ...]) -> dict[str, list[float]]:
     """{name: ranks of the refits' truths}."""
-    if not len(bootstrap.errors):
+    if not len(refits.errors):
         return {}
-    return dict(zip(names, bootstrap.ranks().T.round(4).tolist(), strict=True))
+    return dict(zip(names, refits.ranks().T.round(4).tolist(), strict=True))
