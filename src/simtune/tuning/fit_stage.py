@@ -76,15 +76,11 @@ class FitStage:
         The detector's noise is measured in those `near` the real one. `by_readings`: None if they
         are used in windows only, or there are none.
         """
-        worlds, simulator = held_out.worlds, _simulator_of(context)
-        tracks = KeypointTracks.of_detections(held_out.episodes, simulator.shape, held_out.noise())
-        evidence = context.observation.evidence(tracks, worlds.readings)
-        observed = Observed(evidence, worlds.filmed_actions().astype(float))
-        joints = by_readings.joints if by_readings else None
-        observe = context.keypoints.observe
+        observe, joints = context.keypoints.observe, by_readings.joints if by_readings else None
         if not joints:
             observe = context.observation.observe_beside(observe)
-        physics = Physics(simulator, observe, worlds.states[0, 0])
+        worlds, observed = held_out.worlds, _as_observed(context, held_out)
+        physics = Physics(_simulator_of(context), observe, worlds.states[0, 0])
         part = budget.share(config.state_share, TRAIN_ESTIMATOR)
         clock = TrainingClock(
             config.state_updates, part, "learning to guess states", config.least_updates
@@ -93,17 +89,13 @@ class FitStage:
             observed,
             physics.states(worlds.states),
             physics.space,
-            simulator.action_scale,
+            physics.simulator.action_scale,
             context.seed,
             clock,
         )
-        discrepancy = context.observation.discrepancy_std(simulator.space.is_appearance)
-        nothing = np.full(len(simulator.space), np.nan)
-        known = nothing if context.known is None else context.known
-        photometry = Photometry(context.observation.image_noise, known)
-        discrepancy = np.where(photometry.is_known, 0.0, discrepancy)
+        discrepancy, photometry = _appearance(context)
         replay_fit = ReplayFit(physics, estimator, discrepancy, config.fit, photometry, joints)
-        learnt_from = evidence.at(np.arange(0))  # its scales only
+        learnt_from = observed.evidence.at(np.arange(0))  # its scales only
         inflates_noise = by_readings is None
         return cls(context, model, replay_fit, near.noise(), learnt_from, inflates_noise)
 
@@ -213,6 +205,23 @@ def _simulator_of(context: SearchContext) -> Simulator:
     """Of a context that can fit."""
     assert isinstance(context.simulator, Simulator), "see SearchContext.can_fit"
     return context.simulator
+
+
+def _as_observed(context: SearchContext, held_out: HeldOut) -> Observed:
+    """Held-out worlds as a fit sees a real one."""
+    worlds, shape = held_out.worlds, context.simulator.shape
+    tracks = KeypointTracks.of_detections(held_out.episodes, shape, held_out.noise())
+    evidence = context.observation.evidence(tracks, worlds.readings)
+    return Observed(evidence, worlds.filmed_actions().astype(float))
+
+
+def _appearance(context: SearchContext) -> tuple[np.ndarray, Photometry]:
+    """(N,) standard deviations of errors that no fit can detect, and what is known of colours."""
+    space = context.simulator.space
+    known = np.full(len(space), np.nan) if context.known is None else context.known
+    photometry = Photometry(context.observation.image_noise, known)
+    discrepancy = context.observation.discrepancy_std(space.is_appearance)
+    return np.where(photometry.is_known, 0.0, discrepancy), photometry
 
 
 def _scaled_as(evidence: AllEvidence, other: AllEvidence) -> AllEvidence:
