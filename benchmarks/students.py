@@ -63,7 +63,7 @@ def taught(trained: TrainingExperiment, agent: TeacherStudent, range_: float, se
     while agent.num_steps < trained.schedule.total_steps:
         if agent.wants_frames:
             drawn = worlds.sample(num_worlds, rng)
-            trained.replay.add(trained.environment.play(agent.explore, drawn, rng, True, 0))
+            trained.replay.add(trained.learnt_in.play(agent.explore, drawn, rng, True, 0))
             agent.update(trained.replay, num_steps)
         else:  # the teacher's turn
             agent.num_steps += num_steps
@@ -79,7 +79,7 @@ def returns(trained: TrainingExperiment, agent: TeacherStudent, num: int) -> tup
     assert trained.truth is not None, "of a pseudo-real world"
     world = trained.truth.for_oracle()
     worlds, rng = np.tile(world, (num, 1)), np.random.default_rng(99)
-    shown = trained.environment.play(teach, worlds, rng, False, 0).rewards.sum(1)
+    shown = trained.learnt_in.play(teach, worlds, rng, False, 0).rewards.sum(1)
     scores, _ = replace(trained, agent=agent).score(world, num, seed=99)
     return float(shown.mean()), float(scores["return"].mean())
 

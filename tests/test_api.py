@@ -112,7 +112,7 @@ def test_a_plot_has_a_row_a_parameter(result, monkeypatch):
     ax = Figure().subplots()
     assert result.plot(ax=ax) is ax
     assert [label.get_text() for label in ax.get_yticklabels()] == list(result.parameters)
-    only = result.plot(["pole_mass"], ax=Figure().subplots())
+    only = result.plot(np.array(["pole_mass"]), ax=Figure().subplots())
     assert len(only.get_yticks()) == 1
     assert len(result.plot("pole_mass", ax=Figure().subplots()).get_yticks()) == 1
     with pytest.raises(ValueError, match="names is empty"):

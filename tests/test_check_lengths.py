@@ -4,15 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_check_film import drawn, filmed, library_of
 from test_turned_films import RANGE, SCENE, STEPS, TUNE, Scene, write_task
 
-from simtune.checking.film.compare import compare
-from simtune.checking.film.film_warnings import warnings
+from simtune.checking import check
 from simtune.checking.servos.lengths import far_beyond_model
 from simtune.checking.starts import far_starts
+from simtune.config import CheckConfig
+from simtune.recordings import write_dataset
 from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
+from simtune.trajectory import Trajectory
 
 
 @pytest.fixture(scope="module")
@@ -55,13 +56,25 @@ def test_readings_in_pixels_of_joints_that_nothing_commands_are_asked_about(tmp_
     assert "too" not in said
 
 
-def test_pixels_are_said_instead_of_a_model_that_is_stuck():
-    frames = drawn(12, 12, 0)
-    stuck = library_of(frames[:, :1].repeat(12, 1))
-    film = drawn(3, 8, 1)
-    comparison = compare(film, stuck)
-    assert "the model is stuck" in warnings(filmed(film), comparison)[0]
-    assert warnings(filmed(film), comparison, stuck="pixels?") == ["pixels?"]
+def test_of_pixels_check_says_one_sentence_and_not_what_follows_from_it(tmp_path):
+    write_task(tmp_path)
+    text = (tmp_path / "tune.toml").read_text().replace('"observation.state"', '["x", "y"]')
+    (tmp_path / "tune.toml").write_text(text)
+    swing = 0.2 * np.sin(np.arange(31)[:, None] * [0.2, 0.13])
+    metres, frames = swing[:-1], np.zeros((31, 16, 16, 3), np.uint8)
+    in_pixels = (1000 * metres + 256).astype(np.float32)
+    write_dataset(
+        tmp_path / "film",
+        [Trajectory(frames, in_pixels, 0.1, {"pusher": 1000 * swing + 256})],
+        action_names=["px", "py"],
+        robot_type="pusher",
+        task="push",
+        reading_names={"pusher": ["x", "y"]},
+    )
+    found = check(CheckConfig(task=str(tmp_path / "tune.toml"), real=str(tmp_path / "film")))
+    (said,) = found["warnings"]
+    assert "are these pixels or mm?" in said
+    assert "films" not in found
 
 
 def with_starts(folder: Path, limits: str, more: str = "", offset: str = "offset = 0\n") -> Task:
@@ -74,13 +87,16 @@ def with_starts(folder: Path, limits: str, more: str = "", offset: str = "offset
 NARROW = '[initial_state]\nkind = "distribution"\njoints.x = { position = [-0.01, 0.01] }\n\n'
 
 
+SAY = "say in [initial_state] where it begins"
+
+
 @pytest.mark.parametrize(
     ("limits", "more", "offset", "says"),
     [
-        ("", "", "offset = 0\n", "give the joint a range, or [initial_state]"),
-        ("", "", "", "give the joint a range, or [initial_state]"),  # wherever their zero is
+        ("", "", "offset = 0\n", f"give the joint a range, or {SAY}"),
+        ("", "", "", f"give the joint a range, or {SAY}"),  # wherever their zero is
         (RANGE, "", "offset = 0\n", None),
-        (RANGE, NARROW, "offset = 0\n", "widen [initial_state]"),
+        (RANGE, NARROW, "offset = 0\n", SAY),
     ],
 )
 def test_readings_that_begin_far_from_simulated_starts(tmp_path, limits, more, offset, says):
@@ -96,6 +112,37 @@ def test_readings_that_begin_far_from_simulated_starts(tmp_path, limits, more, o
     assert said.endswith(f"in simulated worlds (y, too): {says}")
     near = far_starts(task.simulator(image_size=16), task.sensors, 0.01 * read, 0)
     assert near == []
+
+
+PENDULUM = """<mujoco><worldbody><body name="pole"><joint name="h" axis="0 1 0"/>
+  <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.4"/></body></worldbody></mujoco>"""
+OF_PENDULUM = """
+model = "scene.xml"
+control_timestep_s = 0.05
+{start}
+[[sensors]]
+name = "encoder"
+joints = "h"
+{offset}
+[[parameters]]
+name = "mass"
+kind = "mass"
+objects = "pole"
+"""
+
+
+@pytest.mark.parametrize("start", ["", NARROW.replace("joints.x", "joints.h")])
+@pytest.mark.parametrize("offset", ["offset = 0", ""])
+def test_an_encoder_of_an_endless_hinge_may_begin_at_any_turn(tmp_path, start, offset):
+    (tmp_path / "scene.xml").write_text(PENDULUM)
+    (tmp_path / "tune.toml").write_text(OF_PENDULUM.format(start=start, offset=offset))
+    task = load_task(str(tmp_path / "tune.toml"))
+    simulator, read = task.simulator(image_size=16, views=()), np.zeros((2, STEPS + 1, 1))
+    read[:, 0, 0] = 6.27, 0.01 + 2 * np.pi
+    assert far_starts(simulator, task.sensors, read, 0) == []
+    read[:, 0, 0] = 1.0, 3.0
+    says = far_starts(simulator, task.sensors, read, 0)
+    assert [its.endswith(f"in simulated worlds: {SAY}") for its in says] == [True] * bool(start)
 
 
 def test_a_scene_whose_readings_are_simulated_begins_where_it_does(task):

@@ -6,7 +6,7 @@ import pytest
 from simtune.checking.servos.commands import _without_gaps
 from simtune.checking.servos.doubts import doubts
 from simtune.checking.servos.fit import ServoResponse, delayed_by, filtered_by, fit_servo, noise_of
-from simtune.checking.servos.following import Watched
+from simtune.checking.servos.following import Following, Watched, follows
 from simtune.checking.servos.gains import gains_to_write
 from simtune.checking.servos.look import look_at
 from simtune.checking.servos.lost import missing, without_lost_packets
@@ -35,7 +35,20 @@ def reads(command: np.ndarray, noise: float = 0.0, seed: int = 1) -> np.ndarray:
 
 
 def said_of(asked: list[np.ndarray], read: list[np.ndarray], unit: str = "rad") -> list[str]:
-    return doubts(Watched("elbow", unit, asked, read, STEP_S), fit_servo(asked, read, STEP_S))
+    joint, servo = Watched("elbow", unit, asked, read, STEP_S), fit_servo(asked, read, STEP_S)
+    return doubts(joint, servo, follows(joint, servo))
+
+
+def encoder(name: str, joints: tuple[str, ...], factor: tuple[float, ...]) -> JointSensor:
+    num = len(joints)
+    return JointSensor(
+        name=name,
+        columns=("state",),
+        joints=joints,
+        places=np.arange(num),
+        factor=np.array(factor),
+        shift=np.zeros(num),
+    )
 
 
 # --- numbers ------------------------------------------------------------------------------
@@ -227,7 +240,7 @@ def test_columns_that_are_exchanged_are_told_by_whose_command_is_followed(factor
         (said,) = its.warnings
         assert said.startswith(f"{name} follows {other}'s command, its own with a correlation of ")
         assert said.endswith(": are columns exchanged?")
-        assert its.misread_by == 1.0  # nothing is known of its own column
+        assert its.misread_by is None  # nothing is known of its own column
     assert not any("exchanged" in said for said in seen[2].warnings)
 
 
@@ -240,6 +253,7 @@ def test_columns_that_are_exchanged_are_told_by_whose_command_is_followed(factor
         ((-1, 1), (0.5, -0.5), "gain = -2 for sensor pusher"),
         ((1000, 1000), (1.0, 1.0), None),  # unit = "mm" says it all
         ((0.001, -0.001), (1.0, 1.0), None),  # or are the actions mm?
+        ((-1000, 0), (1.0, 1.0), "gain = [-0.001, 0.001] for sensor pusher"),  # y rests
     ],
 )
 def test_a_unit_and_a_sign_are_one_line_to_write(factors, sensor, line):
@@ -248,16 +262,30 @@ def test_a_unit_and_a_sign_are_one_line_to_write(factors, sensor, line):
         look_at(Watched(name, "m", asked, [f * reads(c) for c in asked], STEP_S), 0.001)
         for name, f in zip("xy", factors, strict=True)
     ]
-    encoder = JointSensor(
-        name="pusher",
-        columns=("state",),
-        joints=("x", "y"),
-        places=np.arange(2),
-        factor=np.array(sensor),
-        shift=np.zeros(2),
-    )
-    said = gains_to_write([encoder], [its.misread_by for its in seen])
+    pusher = encoder("pusher", ("x", "y"), sensor)
+    said = gains_to_write([pusher], [its.misread_by for its in seen])
     assert [line in its for its in said] == ([True] if line else [])
+
+
+@pytest.mark.parametrize(
+    ("misread_by", "gains"),
+    [
+        ((-1000.0, 1000.0, None), "[-0.001, 0.001, 0.001]"),
+        ((-1000.0, 1.0, None), None),  # which of both the third has is not known
+        ((None, None, None), None),
+    ],
+)
+def test_what_no_servo_commands_is_in_the_unit_of_its_sensor(misread_by, gains):
+    said = gains_to_write([encoder("arm", ("a", "b", "c"), (1.0, 1.0, 1.0))], misread_by)
+    assert [f"write gain = {gains} for sensor arm" in its for its in said] == [True] * bool(gains)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_single_reading_tells_nothing():
+    asked, read = commands(num=1), [np.full(401, np.nan)]
+    read[0][7] = 0.2
+    joint, servo = Watched("elbow", "rad", asked, read, STEP_S), fit_servo(asked, read, STEP_S)
+    assert follows(joint, servo) == Following(0.0, 0.0, 0.0)
 
 
 def test_a_joint_that_stays_behind_where_it_is_commanded_farthest():

@@ -867,7 +867,10 @@ def test_the_terminal_says_how_many_intervals_hold_the_truth(tmp_path):
         ends = {"missed": {"low": 1.1, "high": 1.3}, "held": {"low": 0.9, "high": 1.3}}
         found = {name: entry | pair | {"verdict": "weak"} for name, pair in ends.items()}
         result = {"method": "autotune", "search": search, "parameters": found, "warnings": []}
-        result["percent_error"] = 20.0
+        # Off by far, and by itself alone: no picture was used, and it shows in these only
+        found["colour"] = entry | ends["missed"] | {"percent_error": 90.0, "verdict": "weak"}
+        check = {name: {"std": 0.1} for name in ends} | {"colour": {}}
+        result |= {"percent_error": 43.3, "check": check, "recordings": {"cameras": []}}
         (tmp_path / "config.json").write_text("{}")
         (tmp_path / "result.json").write_text(json.dumps(result))
         _print_result(result, tmp_path, said.append)

@@ -8,6 +8,7 @@ from simtune.api.commands import load_task
 from simtune.fit import OpenLoopReplay, Readings, replay_whole
 from simtune.fit.readings.closed_loops import ClosedLoops
 from simtune.observation import ObservationModel
+from simtune.tasks import Task
 
 LINKAGE = """
 <mujoco><compiler angle="radian"/><option timestep=".002"/>
@@ -116,6 +117,73 @@ def test_a_loop_to_a_mocap_body_is_left_to_the_actions_that_place_it():
     assert not loops_of(text, [ROCKER])
 
 
+CRANK_AND_SLIDER = """<mujoco><compiler angle="radian"/><worldbody>
+  <body name="slider" pos=".3 0 0"><joint type="slide" axis="1 0 0"/><geom size=".02"/></body>
+  <body><joint name="crank" axis="0 1 0"/><geom size=".01"/>
+    <body name="rod" pos=".1 0 0"><joint name="rod" axis="0 1 0"/><geom size=".01"/></body></body>
+</worldbody><equality><connect body1="rod" body2="slider" anchor=".2 0 0"/></equality></mujoco>"""
+
+
+def test_near_a_dead_centre_noise_of_a_slider_is_no_speed_of_its_crank():
+    """There the slider turns back, and the least of its noise would be 100 rad/s."""
+    loops, times = loops_of(CRANK_AND_SLIDER), np.arange(200) * 0.02
+    angles = 0.6 * np.cos(2 * times)
+    slid = 0.1 * np.cos(angles) + np.sqrt(0.2**2 - (0.1 * np.sin(angles)) ** 2) - 0.3
+    states = np.zeros((1, 200, 6))
+    states[0, :, 0] = slid + np.random.default_rng(0).normal(0, 1e-4, 200)
+    states[0, :, 3] = np.gradient(states[0, :, 0]) / 0.02
+    loops.follow(states, np.array([slid[0], 0.6, -0.88, 0, 0, 0]))
+    speeds, apart = np.abs(states[0, :, 4:]), np.abs(np.sin(angles)) > 0.2
+    assert speeds.max() < 3.0  # of 1.2 at most, in truth
+    true = np.abs(1.2 * np.sin(2 * times))
+    assert np.abs(speeds[apart, 0] - true[apart]).max() < 0.3
+
+
+FIVE_BARS = """<body pos=".3 0 0"><joint axis="0 1 0"/><geom fromto="0 0 0 0 0 -.1"/>
+  <body name="end" pos="0 0 -.1"/></body>"""
+
+
+@pytest.mark.parametrize(
+    ("change", "placed"),
+    [
+        (("", ""), ["coupler", "rocker"]),
+        # Of five bars, a crank leaves one joint open
+        (('<body name="end" pos=".3 0 0"/>', FIVE_BARS), []),
+    ],
+)
+def test_what_a_loop_places_is_known(change, placed):
+    loops = loops_of(LINKAGE.format(CONNECT).replace(*change))
+    assert [loops.model.joint(joint).name for joint in loops.placed_joints] == placed
+
+
+def task_of(text: str) -> Task:
+    task = load_task(
+        {
+            "model": mujoco.MjSpec.from_string(text),
+            "control_timestep_s": STEP_S,
+            "sensors": [{"name": "crank", "joints": ["crank"], "offset": 0}],
+            "parameters": [{"name": "damping", "kind": "damping", "objects": "rocker"}],
+        }
+    )
+    assert isinstance(task, Task)
+    return task
+
+
+BOX = """<body name="box" pos="0 1 0"><freejoint/><geom fromto="0 0 0 0 0 .1"/></body>
+</worldbody>"""
+OTHER_BODY = LINKAGE[LINKAGE.index('    <body pos="0 1 0">') : LINKAGE.index("  </worldbody>")]
+
+
+@pytest.mark.parametrize("other", ["", OTHER_BODY])
+def test_beside_a_linkage_all_but_a_loose_box_is_known(other):
+    """From its crank's readings; a joint in no loop is not."""
+    text = LINKAGE.format(CONNECT).replace(OTHER_BODY, other).replace("</worldbody>", BOX)
+    task = task_of(text)
+    seen = ObservationModel.of_simulator(task.sensors)
+    loop = OpenLoopReplay.of(task.simulator(image_size=16), seen, task.parameters.nominal)
+    assert loop.measured.knows_all_but_objects == (not other)
+
+
 def recorded(text: str, actions: np.ndarray) -> np.ndarray:
     """(T + 1,) angles of the crank by plain MuJoCo, which had long held the first action."""
     model = mujoco.MjModel.from_xml_string(text)
@@ -137,14 +205,7 @@ def test_a_replay_goes_on_as_the_real_linkage_does():
     longer = LINKAGE.format(CONNECT).replace('"rocker" pos=".3 0 0"', '"rocker" pos=".3 0 -.1"')
     uneven = longer.replace('fromto="0 0 0 0 0 .2" mass=".4"', 'fromto="0 0 0 0 0 .3" mass=".4"')
     actions = 0.7 + 0.3 * np.sin(0.4 * np.arange(40))[:, None]
-    task = load_task(
-        {
-            "model": mujoco.MjSpec.from_string(uneven),
-            "control_timestep_s": STEP_S,
-            "sensors": [{"name": "crank", "joints": ["crank"], "offset": 0}],
-            "parameters": [{"name": "damping", "kind": "damping", "objects": "rocker"}],
-        }
-    )
+    task = task_of(uneven)
     start = task.parameters.nominal
     unit = task.parameters.to_unit(start)
     observation = ObservationModel.of_simulator(task.sensors)

@@ -3,6 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 from keypoint_evidence import tracks_at
@@ -225,6 +226,37 @@ def test_keypoints_are_of_what_readings_leave_open(tmp_path, text, bodies):
     model = simulator.model
     of = model.geom_bodyid[keypoints.geoms[kept]]
     assert {model.body(body).name for body in of} == bodies
+
+
+GLIDING = """<body name="table"><geom name="top" type="box" size=".1 .1 .1" pos="1 0 .1"/>
+  <body name="box" pos="0 0 .03">
+    <joint name="box" type="slide" axis="1 0 0"/><joint name="box_y" type="slide" axis="0 1 0"/>
+    <geom name="box" type="box" size=".03 .03 .03" mass=".3"/></body></body></worldbody>
+  <contact><pair geom1="pad" geom2="box"/></contact>"""
+
+
+def test_a_block_that_glides_on_a_body_that_never_moves(tmp_path):
+    """In replays of readings the block touches nothing, and all else does as before."""
+    begins = MJCF.index('    <body name="box"')
+    scene = MJCF[:begins] + GLIDING + MJCF[MJCF.index("</worldbody>") :][len("</worldbody>") :]
+    (tmp_path / "pusher.xml").write_text(scene)
+    start = "box = { position = [[-0.05, 0.05], [-0.01, 0.01], [0.03, 0.03]] }"
+    text = TUNE.replace(start, "box = { position = [-0.05, 0.05] }")
+    (tmp_path / "tune.toml").write_text(text.replace("[initial_state]", f"{CAMERA}[initial_state]"))
+    task = load_task(str(tmp_path / "tune.toml"))
+    simulator, nominal = task.simulator(image_size=32), task.parameters.nominal
+    loop = OpenLoopReplay.of(simulator, ObservationModel.of_reality(task.sensors), nominal)
+    model = loop.physics.simulator.model
+    may_touch = {model.geom(geom).name for geom in np.flatnonzero(model.geom_contype)}
+    assert {"top", "pad"} <= may_touch
+    assert "box" not in may_touch
+    data = mujoco.MjData(model)
+    data.qpos[:2] = 0.2, 0.01  # of the pusher and the block: one within the other
+    mujoco.mj_forward(model, data)
+    assert data.nefc == 0
+    keypoints = every_keypoint(simulator)
+    of = model.geom_bodyid[keypoints.geoms[left_open(loop, keypoints, nominal)]]
+    assert {model.body(body).name for body in of} == {"box"}
 
 
 def test_smoothing_takes_noise_away_but_no_blow():

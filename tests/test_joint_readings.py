@@ -11,7 +11,8 @@ from simtune.errors import InputError
 from simtune.fit import Observed, Physics, ShootingConfig, Stage
 from simtune.fit.motion.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.motion.shooting import Shooting
-from simtune.fit.readings.residuals import correlation_times
+from simtune.fit.readings.normal_equations import explained_by_starts
+from simtune.fit.readings.residuals import correlation_times, spread
 from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
 from simtune.observation import (
     AllEvidence,
@@ -120,6 +121,25 @@ def test_white_noise_counts_fully_and_a_slow_residual_once_in_its_time():
     times = correlation_times(np.stack([white, slow], -1))
     assert times[0] < 1.3
     assert times[1] == pytest.approx((1 + 0.9) / (1 - 0.9), rel=0.2)  # of a first-order process
+
+
+def test_a_reading_that_is_never_there_leaves_the_noise_of_the_others():
+    residuals = np.stack([np.tile([1.0, -1.0], (3, 2)), np.full((3, 4), np.nan)], -1)
+    np.testing.assert_allclose(spread(residuals, np.array([9.0, 0.1])), [1.0, 0.1], rtol=1e-5)
+
+
+def test_what_initial_states_explain_is_missing_from_residuals():
+    """Of a line through 5 readings, with an unknown height and slope, 3 are left; of another, 5."""
+    rng, rows = np.random.default_rng(0), np.linspace(-1, 1, 5)
+    line = 100 * np.stack([np.ones(5), rows])
+    by_start = np.tile(np.stack([line, 0 * line], -1), (400, 1, 1, 1))
+    noise = rng.normal(size=(400, 5, 2))
+    fitted = line.T @ np.linalg.pinv(line.T)
+    left = np.stack([noise[..., 0] - noise[..., 0] @ fitted, noise[..., 1]], -1)
+    spent = explained_by_starts(by_start, left, np.ones(2))
+    np.testing.assert_allclose(spent, [800, 0], rtol=1e-3)
+    unbiased = np.square(left).sum((0, 1)) / (2000 - spent)
+    np.testing.assert_allclose(unbiased, 1.0, atol=0.1)
 
 
 def test_unknowns_that_share_no_reading_are_derived_by_at_once():

@@ -15,6 +15,7 @@ from test_fit import (  # noqa: F401
 )
 
 from simtune.fit import Lateness, Physics, ShootingConfig, states_in_late_pictures
+from simtune.fit.fit_warnings import lateness_warning
 from simtune.fit.motion.shooting import Shooting
 from simtune.simulation import Rollouts
 
@@ -100,3 +101,9 @@ def test_parameters_of_a_late_film_are_found_and_how_late_it_is(simulator, playe
         else:
             assert found.late_steps == found.late_std == 0
     assert off[1] < 0.5 * off[0]
+
+
+@pytest.mark.parametrize(("std_s", "said"), [(0.0123, "12"), (0.0096, "9.6"), (0.0099999, "10")])
+def test_how_sure_a_lateness_is_has_no_power_of_ten(std_s: float, said: str):
+    (warning,) = lateness_warning("readings", 0.09, std_s)
+    assert f"seem to come 90 ms later than the recordings say (± {said} ms);" in warning

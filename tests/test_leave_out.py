@@ -39,6 +39,7 @@ def test_what_is_left_out_is_not_read_and_the_others_keep_their_names(folder):
     facts = dataset.facts(2)
     assert facts["names"] == ["episode 0", "episode 2"]
     assert (facts["episodes_in_dataset"], facts["left_out"]) == (3, 1)
+    assert facts["names_left_out"] == ["episode 1"]
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from simtune.cameras.footage import Footage
 from simtune.errors import InputError
 from simtune.recordings import open_dataset, write_dataset
 from simtune.recordings.lerobot.images import stored_pictures
+from simtune.recordings.still import decode_picture
 from simtune.trajectory import Trajectory
 
 FPS, NUM_ROWS = 10, (12, 8, 10)
@@ -111,6 +112,44 @@ def test_pictures_may_be_jpeg(tmp_path: Path):
     assert np.abs(found.read(1).frames.astype(int) - flat[12:20]).max() <= 1
     found.skim(0)
     assert found.facts(1)["cameras"][0]["codec"] == "jpeg"
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8, 0.95, 0.99])
+def test_a_jpeg_that_is_cut_is_refused(share: float):
+    """FFmpeg makes the rest grey, and says nothing."""
+    content = cell(drawn()[0][0], "jpeg")["bytes"]
+    with pytest.raises(InputError, match="a picture is damaged; copy the file again"):
+        decode_picture(content[: int(share * len(content))])
+
+
+def test_a_jpeg_may_be_padded_or_show_itself_small_in_its_header():
+    picture = drawn()[0][0]
+    content, small = cell(picture, "jpeg")["bytes"], cell(picture[:8, :8], "jpeg")["bytes"]
+    exif = b"\xff\xe1" + (len(small) + 2).to_bytes(2, "big") + small
+    expected = decode_picture(content)
+    assert expected.shape == picture.shape
+    for other in (content + bytes(64), content[:2] + exif + content[2:]):
+        np.testing.assert_array_equal(decode_picture(other), expected)
+    with pytest.raises(InputError, match="damaged"):
+        decode_picture(content[:2] + exif + content[2:-9])
+
+
+def test_without_the_first_episode_its_damaged_picture_is_not_read(tmp_path: Path):
+    cells = [cell(picture) for pictures in drawn() for picture in pictures]
+    folder = write_v3(tmp_path / "dataset", [{"bytes": b"GIF89a", "path": "x"}, *cells[1:]])
+    assert message(folder).startswith("episode 0, step 0: HERE")
+    others = open_dataset(folder, leave_out=["0"])
+    np.testing.assert_array_equal(others.read(0).frames, drawn()[1])
+    assert others.facts(1)["cameras"][0]["codec"] == "png"
+
+
+def test_a_picture_of_another_size_is_named(tmp_path: Path):
+    cells = [cell(picture) for pictures in drawn() for picture in pictures]
+    cells[5] = cell(drawn()[0][5][:16, :16])
+    folder = write_v3(tmp_path / "dataset", cells)
+    assert message(folder).startswith(
+        "HERE: episode 0, step 5: a picture of 16×16 pixels, the first of episode 0 has 32×32"
+    )
 
 
 @pytest.mark.parametrize("hz", [5.0, 20.0])

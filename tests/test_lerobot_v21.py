@@ -204,3 +204,19 @@ def test_paths_of_strangers(dataset, key):
         edit_info(dataset, **{key: template})
         expected = f"HERE/meta/info.json: expected a {key} like "
         assert message(dataset).startswith(expected), template
+
+
+def test_without_the_first_episode_its_damaged_video_is_not_read(dataset: Path):
+    (dataset / VIDEO.format(chunk=0, episode=0)).write_bytes(b"")
+    message(dataset)
+    others = open_dataset(dataset, leave_out=["0"])
+    assert shown(others.read(0).frames) == list(range(NUM_ROWS[1]))
+    assert others.facts(1)["cameras"][0]["codec"] == "h264"
+
+
+def test_without_the_first_episode_it_may_have_a_single_row(tmp_path: Path):
+    episodes = [{"action": np.zeros((num, 1)), "frames": grey(num)} for num in (1, 8)]
+    write_v21(tmp_path / "dataset", episodes, {"action": ["a"]}, fps=FPS)
+    assert "has 1 row; expected at least 2" in message(tmp_path / "dataset")
+    others = open_dataset(tmp_path / "dataset", leave_out=["0"])
+    assert len(others.read(0)) == 7

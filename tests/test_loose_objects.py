@@ -82,6 +82,15 @@ def test_a_block_on_slides_that_nothing_drives_springs_or_measures_glides(
     assert names(model, gliding_joints(model, measured)) == gliding
 
 
+@pytest.mark.parametrize("parent", ["<body name='table'><geom size='.1'/>", "<body name='scene'>"])
+def test_a_block_on_a_body_that_never_moves_glides(parent):
+    """An arm on the same one changes nothing: each is in a kinematic tree of its own."""
+    scene = BLOCK.replace("SPRING", "").replace("<worldbody>", f"<worldbody>{parent}")
+    scene = scene.replace("</worldbody>", "</body></worldbody>")
+    model = mujoco.MjModel.from_xml_string(scene)
+    assert names(model, gliding_joints(model)) == ["block_x", "block_y", "turn"]
+
+
 @pytest.mark.parametrize(
     ("ties", "drive", "passive"),
     [

@@ -276,7 +276,7 @@ def test_delays_of_simulated_episodes_are_about_what_was_found():
     training = SimpleNamespace(
         config=SimpleNamespace(method="autotune"),
         scored_in=SimpleNamespace(gap=None),
-        environment=SimpleNamespace(most_late=2),
+        learnt_in=SimpleNamespace(most_late=2),
         simulator=simulator,
         real=SimpleNamespace(observation=any_real),
         declared_late_steps=0.0,
@@ -304,7 +304,7 @@ def test_pictures_are_as_late_to_a_policy_as_their_camera_declares(real, declare
         space=SPACE,
     )
     assert _most_late(world) == 2 + declared
-    world.environment = SimpleNamespace(most_late=_most_late(world))
+    world.learnt_in = SimpleNamespace(most_late=_most_late(world))
     world.declared_late_steps = TrainingExperiment.declared_late_steps.fget(world)
     assert world.declared_late_steps == declared
     drawn = partial(TrainingExperiment.delay_steps, world, rng=np.random.default_rng(0))

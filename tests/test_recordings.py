@@ -176,6 +176,7 @@ def test_facts(written: Path):
         "episodes": 2,
         "episodes_in_dataset": 3,
         "left_out": 0,
+        "names_left_out": [],
         "steps": 18,
     }
 

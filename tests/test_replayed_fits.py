@@ -257,7 +257,8 @@ class Rough:
         self.stages.append(stage.steps)
         log_rms = 0.0 if stage.steps == self._steps else float(self.rng.uniform(1, 9))
         noise = np.full(1, 0.001)
-        return SimpleNamespace(unit=begin.unit, guess=begin, log_rms=log_rms, noise=noise)
+        its = {"unit": begin.unit, "begun": begin.unit, "guess": begin}
+        return SimpleNamespace(**its, log_rms=log_rms, noise=noise)
 
 
 @pytest.mark.parametrize(
@@ -290,6 +291,38 @@ def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
     assert fit.stages.count(None) == (4 if not is_whole else 2 if is_sure else Horizons().most_fits)
 
 
+class Swinging(Rough):
+    """What a fit finds is followed by other segments than what it began with: by two in turn."""
+
+    def follow(self, readings: Readings, guess: Guess) -> Segments:
+        whole = Segments.evenly(readings)
+        return whole._replace(steps=whole.steps - len(self.stages) % 2)
+
+
+def test_of_segments_that_lead_to_each_other_the_first_are_kept():
+    fit = Swinging(None, None)  # type: ignore[arg-type]
+    readings = Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1)))
+    ends = (np.zeros(3), np.ones(3))
+    fits = ReadingsFits(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
+    guess = Guess(np.full(3, 0.5), np.zeros(1))
+    _, stage, _ = fits._first_whole(readings, guess, Budget())
+    assert len(fit.stages) == 2
+    assert stage.segments is not None
+    assert stage.segments.steps.tolist() == [99]
+
+
+def test_another_start_is_elsewhere_also_where_the_best_is_at_a_bound():
+    ends = (np.zeros(1), np.ones(1))
+    fits = ReadingsFits(None, None, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
+    rng = np.random.default_rng(0)
+    for unit in (0.0, 0.5, 1.0):
+        best: Any = SimpleNamespace(unit=np.array([unit]), guess=SimpleNamespace(offsets=0.0))
+        for together in 20 * [True, False]:
+            start = fits._start_near(best, rng, together).unit
+            assert 0 <= start <= 1
+            assert abs(start - unit) > 0.0299
+
+
 def test_twice_means_nearly_the_same_residuals():
     def leaving(*log_rms: float) -> list[Any]:
         return [SimpleNamespace(log_rms=each) for each in log_rms]
@@ -300,12 +333,15 @@ def test_twice_means_nearly_the_same_residuals():
 
 
 def test_fits_agree_that_end_at_one_answer_whatever_they_leave():
-    def ending(*ends: tuple[float, float]) -> list[Any]:
-        return [SimpleNamespace(log_rms=r, unit=np.array([x, 0.0])) for r, x in ends]
+    def ending(*ends: tuple[float, float], begun: float = 0.4) -> list[Any]:
+        starts = {"begun": np.array([begun, 0.0])}
+        return [SimpleNamespace(**starts, log_rms=r, unit=np.array([x, 0.0])) for r, x in ends]
 
     moving = np.array([True, False])
     assert agree(ending((-5.0, 0.500), (-4.0, 0.507)), moving)
     assert not agree(ending((-5.0, 0.500), (-4.0, 0.530)), moving)
+    # One that began there and did not move confirms nothing
+    assert not agree(ending((-5.0, 0.500), (-4.0, 0.507), begun=0.507), moving)
     found = best_of(ending((-5.0, 0.500), (-4.0, 0.530), (-4.5, 0.492)), moving, True)
     assert found.is_sure
     np.testing.assert_allclose(found.apart, [-0.004])

@@ -23,7 +23,7 @@ from simtune.report.pair_plots import pair_plot
 from simtune.report.plot import value_axis
 from simtune.report.rank_plots import expected
 from simtune.report.read_run import read_run
-from simtune.report.trust import Pair
+from simtune.report.trust import Pair, mean_error
 from simtune.report.words import interval
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.files import write_json
@@ -807,6 +807,10 @@ def test_what_shows_in_pictures_only_is_one_line_where_none_were_used(readings_r
     line = f"{len(colours)} parameters show in pictures only: not looked at ({', '.join(colours)})."
     assert page.text.count(line) == 1
     motion = len(PARAMETERS) - len(colours)
+    assert f"{motion} of {motion} parameters identified" in page.text
+    assert f"{motion} of {motion} interval holds the truth" in page.text
+    mass = read_run(readings_run).parameters["ball_mass"]
+    assert mean_error(read_run(readings_run).looked_at) == mass["percent_error"]
     assert page.count("article") == motion + 2  # of what moves, and of two joints
     assert "<div class='colour'>" not in html
     assert read_run(readings_run).result["parameters"].keys() == set(PARAMETERS)

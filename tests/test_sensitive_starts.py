@@ -89,6 +89,17 @@ def test_an_episode_is_followed_while_errors_grow_less_than_ten_times(tmp_path, 
     assert found.episode.tolist() == np.repeat([0, 1], len(segments)).tolist()
 
 
+def test_all_of_a_long_episode_is_followed(tmp_path):
+    steps = 20 * 19
+    task = pole(tmp_path, 1.0, steps)
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    upright = Readings(np.zeros((1, steps, 1)), np.zeros((1, steps + 1, 1)))
+    unit = task.parameters.to_unit(task.parameters.nominal)
+    found = follow(loop, loop.states_of(upright, unit, np.zeros(1)), unit)
+    assert found.steps.tolist() == 20 * [19]
+
+
 def test_few_of_many_episodes_are_named():
     growth = np.array([1.0, 150.8, np.nan, 2.0])
     (warning,) = sensitive_starts.warnings(growth, ["a", "b", "c", "d", "e"])

@@ -128,7 +128,7 @@ def carried_out(players: Players, path: Path, pretrain_steps: int = 0, **asked_f
         real=players,
         search=players,
         agent=players,
-        environment=players,
+        learnt_in=players,
         replay=players,
         start=SPACE.nominal,
         truth=None,
@@ -395,11 +395,11 @@ def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
     experiment = build_training(config)
     scored = []
 
-    def play(*args, play=experiment.environment.play, **options):
+    def play(*args, play=experiment.learnt_in.play, **options):
         scored.append(play(*args, **options))
         return scored[-1]
 
-    experiment.environment.play = play
+    experiment.learnt_in.play = play
     experiment.score(experiment.space.nominal, 3, seed=config.seed)
     still = np.zeros((2, experiment.simulator.num_actions))
     seen = experiment.real.collect(3)
@@ -423,7 +423,7 @@ def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_sc
         def play(*args, play=simulator.play, **options):
             return dataclasses.replace(play(*args, **options), lengths=np.array([3]))
 
-        given = {"environment": learnt_in, "scored_in": scored_in, "late_steps": 0}
+        given = {"learnt_in": learnt_in, "scored_in": scored_in, "late_steps": 0}
         experiment = SimpleNamespace(**given, agent=ones, task=task)
         nominal = task.parameters.nominal
         whole, _ = TrainingExperiment.score(experiment, nominal, 1, seed=0)
@@ -440,6 +440,12 @@ def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_sc
         assert learnt_in.state() == {"lowest_reward": -2.0}
 
 
+def test_a_training_of_an_earlier_version_is_refused_in_one_line():
+    experiment = SimpleNamespace(config=SimpleNamespace(out=Path("runs/old")))
+    with pytest.raises(InputError, match="runs/old holds a training of an earlier version of"):
+        TrainingExperiment.load_agent(experiment, {}, {"agent": {}})
+
+
 @pytest.mark.thorough
 def test_a_loaded_policy_is_scored_by_the_lowest_reward_of_its_training(
     autotuned, quick, monkeypatch
@@ -448,7 +454,7 @@ def test_a_loaded_policy_is_scored_by_the_lowest_reward_of_its_training(
     tensors, state = load(newest(out / "checkpoints"))
     stored = tensors, state | {"policy_worlds": {"lowest_reward": -3.0}}
     monkeypatch.setattr("simtune.evaluation.evaluate.checkpoint.load", lambda _: stored)
-    assert load_trained(out, settings=quick).environment.state() == {"lowest_reward": -3.0}
+    assert load_trained(out, settings=quick).learnt_in.state() == {"lowest_reward": -3.0}
 
 
 @pytest.mark.thorough
@@ -656,7 +662,7 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     with monkeypatch.context() as patch:
         patch.setattr(TrainingExperiment, "declared_late_steps", 1.0)  # by the camera's latency_s
         later = load_trained(out, settings=settings)
-    assert later.late_steps == min(max(0, round(late + 1)), later.environment.most_late)
+    assert later.late_steps == min(max(0, round(late + 1)), later.learnt_in.most_late)
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
         evaluate(EvaluateConfig(run_folder=out), settings=settings)
     (tmp_path / "world.json").write_text("{}")
@@ -711,7 +717,7 @@ def test_keypoints_are_chosen_once_for_search_environment_and_agent(tmp_path, qu
     experiment = build_training(config_of(tmp_path / "run", seed=5), settings=settings)
     assert seeds == [5]
     chosen = experiment.keypoints.state()
-    assert experiment.environment.keypoints.state() == chosen
+    assert experiment.learnt_in.keypoints.state() == chosen
     assert experiment.search.context.keypoints.state() == chosen
     assert num_keypoints == [len(experiment.keypoints)]
 
@@ -725,12 +731,12 @@ def test_a_resumed_training_keeps_the_keypoints_it_was_begun_with(
     begun = load(newest(config.out / "checkpoints"))[1]["keypoints"]
     monkeypatch.setattr("simtune.experiment.keypoints.find_keypoints", find_others)
     new = build_training(config_of(tmp_path / "new"), settings=quick)
-    assert new.environment.keypoints.state() != begun
+    assert new.learnt_in.keypoints.state() != begun
     resumed = build_training(config, settings=quick)
     with Run(resumed) as run:
         run.resume()
     for experiment in (resumed, load_trained(config.out, settings=quick)):
-        assert experiment.environment.keypoints.state() == begun
+        assert experiment.learnt_in.keypoints.state() == begun
         assert experiment.search.context.keypoints.state() == begun
 
 

@@ -131,8 +131,7 @@ def scene(tmp_path_factory) -> Scene:
 
 
 def of(film: np.ndarray, scene: Scene) -> Turned | None:
-    (found,) = turned([np.ascontiguousarray(film)], scene.as_read())
-    return found
+    return turned({0: np.ascontiguousarray(film)}, scene.as_read()).get(0)
 
 
 @pytest.mark.parametrize("late", [-1, 0, 2])

@@ -26,6 +26,11 @@ def test_several_short_ones_are_left_out_together():
     )
 
 
+def test_what_is_left_out_already_stays_so():
+    (said,) = of_lengths([90, 20, 80], NAMES[:3], left_out=["episode 7"])
+    assert "without it (--leave-out 7,1), 100 more would be used" in said
+
+
 def test_no_advice_where_it_would_use_less():
     (said,) = of_lengths([90, 71, 77, 81, 88, 70, 81, 63, 59, 80], NAMES)
     assert "the shortest, episode 8, and 170 of 760 steps are not used" in said

@@ -138,14 +138,14 @@ class Training:
     def _train_policy(self) -> None:
         schedule = self.experiment.schedule
         agent = self.experiment.agent
-        environment = self.experiment.environment
+        learnt_in = self.experiment.learnt_in
         replay = self.experiment.replay
         self._report("training the policy", self.run.step / schedule.total_steps)
         worlds = self.distribution_policy.sample(schedule.num_worlds, self.rng)
         is_filmed = agent.wants_frames
         delay_steps = self.experiment.delay_steps(self._late_steps, self.rng)
         explore = partial(agent.explore, replay=replay)
-        episodes = environment.play(explore, worlds, self.rng, is_filmed, delay_steps)
+        episodes = learnt_in.play(explore, worlds, self.rng, is_filmed, delay_steps)
         replay.add(episodes)
         num_steps = len(worlds) * self.experiment.task.episode_steps
         losses = agent.update(replay, num_steps)

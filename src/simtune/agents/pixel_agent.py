@@ -116,7 +116,10 @@ class PixelAgent(ABC):
 
     @abstractmethod
     def learn(self, batch: Transitions, updates_policy: bool = True) -> torch.Tensor:
-        """One update, of the policy, too, or not; its `losses`, NaN for those not computed."""
+        """One update of the critics, and of the policy if it `updates_policy`.
+
+        Returns its `losses`, NaN for those not computed.
+        """
 
     @property
     def _updates_policy(self) -> bool:

@@ -24,12 +24,12 @@ class Policy:
     @property
     def step_s(self) -> float:
         """Seconds from one picture to the next."""
-        return self._trained.environment.simulator.step_s
+        return self._trained.learnt_in.simulator.step_s
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """What the numbers of an action are, in order."""
-        return tuple(self._trained.environment.simulator.action_mapping.names)
+        return tuple(self._trained.learnt_in.simulator.action_mapping.names)
 
     def reset(self) -> None:
         """Begin an episode."""
@@ -52,4 +52,4 @@ class Policy:
         most = self._latest.maxlen or 1
         self._latest.extend([seen] * (1 if self._latest else most))  # the first one stands alone
         action = self._trained.agent.act(np.stack(self._latest)[None])
-        return scale_actions(self._trained.environment.simulator.action_mapping, action)[0]
+        return scale_actions(self._trained.learnt_in.simulator.action_mapping, action)[0]

@@ -175,9 +175,8 @@ class Result:
             raise InputError(
                 f"{self.path} has no estimates to plot: nothing was searched for there"
             )
-        chosen = [names] if isinstance(names, str) else names
-        if chosen is None:
-            chosen = list(self.parameters)
+        names = list(self.parameters) if names is None else names
+        chosen = [names] if isinstance(names, str) else list(names)
         if not chosen:
             raise InputError("names is empty: no parameter to plot")
         for name in chosen:

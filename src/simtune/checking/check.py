@@ -11,17 +11,17 @@ from simtune.checking.frictions import unfelt_frictions
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.limits import joints_at_limits
 from simtune.checking.nominal import nominal_states
-from simtune.checking.readings import ReadEpisodes, reading_changes
-from simtune.checking.recorded import of_recordings
+from simtune.checking.readings import reading_changes
+from simtune.checking.recorded import Given, of_recordings
 from simtune.checking.recording_warnings import too_short
 from simtune.config import CheckConfig
 from simtune.errors import InputError
+from simtune.fit.readings.sensitivity import ReadingChanges
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.real.observed import observed
 from simtune.run.files import plain
-from simtune.simulation import Simulator
 from simtune.tasks import Task, load_task
 
 _EPISODES = 5
@@ -38,45 +38,49 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
     size = choose_image_size(config, task, "posterior")
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed, "image_size": size}
     facts["warnings"] = []  # keys are printed in this order
-    read: ReadEpisodes | None = None
     if config.real:
-        simulator, actions, read, more = of_recordings(config, task, size, seen, report)
+        given = of_recordings(config, task, size, seen, report)
     else:
-        simulator, actions, more = _simulated(config, task, size, seen)
-    facts |= more
-    readings = None
-    if seen.sensors:
-        report("replaying readings", 0.5)
-        try:
-            readings, assumed = reading_changes(simulator, seen, actions, read, config.seed)
-        except RuntimeError as error:  # what was found before may say why
-            raise InputError("; ".join([*facts["warnings"], str(error)])) from error
-        facts["assumed"] = assumed
-        names = facts["recordings"]["names"] if config.real else _numbered(len(actions))
-        facts["warnings"] += sensitive_starts.warnings(readings.growth, names)
+        given = _simulated(config, task, size, seen)
+    facts |= given.facts
+    simulator, actions = given.simulator, given.actions
+    readings = _replayed(given, facts, seen, config.seed, report) if seen.sensors else None
     sensitivity = analyze(simulator, actions, config.seed, seen, readings, report)
     states = nominal_states(simulator, actions, config.seed)
-    facts["warnings"] += joints_at_limits(simulator, states)
-    reasons = unfelt_frictions(simulator, states)
-    concluded = conclude(task.parameters, sensitivity, reasons)
+    concluded = conclude(task.parameters, sensitivity, unfelt_frictions(simulator, states))
+    warnings = joints_at_limits(simulator, states)
     if seen.cameras:
         verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}
         facts["extents_px"] = extents_px(simulator, states, simulator.views)
         unclear = unclear_of(simulator, verdicts, CLEAR)
-        facts["warnings"] += small(facts["extents_px"], size, unclear)
+        warnings += small(facts["extents_px"], size, unclear)
+    facts["warnings"] += [] if given.is_far else warnings  # which would follow from that
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return plain(facts | concluded)
 
 
-def _numbered(num_episodes: int) -> list[str]:
-    """Names of simulated episodes."""
-    return [f"episode {number}" for number in range(num_episodes)]
+def _replayed(
+    given: Given,
+    facts: dict[str, Any],
+    seen: ObservationModel,
+    seed: int,
+    report: ReportProgress,
+) -> ReadingChanges:
+    """What each parameter changes in replayed readings; adds to the `facts`."""
+    report("replaying readings", 0.5)
+    try:
+        readings, assumed = reading_changes(given.simulator, seen, given.actions, given.read, seed)
+    except RuntimeError as error:  # what was found before may say why
+        raise InputError("; ".join([*facts["warnings"], str(error)])) from error
+    numbered = [f"episode {number}" for number in range(len(given.actions))]
+    names = facts["recordings"]["names"] if "recordings" in facts else numbered
+    facts["assumed"] = assumed
+    facts["warnings"] += sensitive_starts.warnings(readings.growth, names)
+    return readings
 
 
-def _simulated(
-    config: CheckConfig, task: Task, size: int, seen: ObservationModel
-) -> tuple[Simulator, np.ndarray, dict[str, Any]]:
-    """The task's simulator, (E, T, A) actions that explore it, facts and warnings."""
+def _simulated(config: CheckConfig, task: Task, size: int, seen: ObservationModel) -> Given:
+    """Episodes that explore the task's simulator."""
     simulator = task.simulator(image_size=size, views=seen.views())
     num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
     worlds = np.tile(task.parameters.nominal, (num, 1))
@@ -84,4 +88,4 @@ def _simulated(
     actions = simulator.play(worlds, act, task.episode_steps, rng).actions
     facts: dict[str, Any] = {"actions": "scripted" if task.script else "random"}
     facts["warnings"] = too_short(task.episode_steps, are_filmed=bool(seen.cameras))
-    return simulator, actions, facts
+    return Given(simulator, actions, facts)

@@ -37,7 +37,7 @@ def expected_precision(
     try:
         if seen.sensors:
             read = look_at_servos(real, simulator, seen)
-            warnings += read.warnings
+            warnings += read.warnings + read.beyond_ranges
             readings, _ = reading_changes(simulator, seen, actions, read, seed)
         sensitivity = analyze(simulator, actions, seed, seen, readings)
     except RuntimeError:  # every episode diverged

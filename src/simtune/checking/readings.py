@@ -40,6 +40,7 @@ class ReadEpisodes(NamedTuple):
     curves: dict[str, Curve]  # of the first episode that is long enough
     facts: dict[str, Any]  # JSON
     warnings: list[str]
+    beyond_ranges: list[str]  # warnings of readings that span more than the model's joints can
 
 
 def read_episodes(
@@ -72,15 +73,15 @@ def look_at_servos(
     by_name = {joint.name: its for joint, its in zip(joints, seen, strict=True) if joint and its}
     for its in by_name.values():
         found += its.warnings
-    found += gains_to_write(sensors, [its.misread_by if its else 1.0 for its in seen])
+    found += gains_to_write(sensors, [its.misread_by if its else None for its in seen])
     wider = [_wider(joint, its) for joint, its in zip(joints, seen, strict=True)]
-    found += beyond_ranges(simulator.model, sensors, read, wider)
     return ReadEpisodes(
         trajectories,
         servos={name: its.servo for name, its in by_name.items()},
         curves={name: its.curve for name, its in by_name.items()},
         facts={name: its.facts() for name, its in by_name.items()},
         warnings=found,
+        beyond_ranges=beyond_ranges(simulator.model, sensors, read, wider),
     )
 
 

@@ -1,6 +1,6 @@
 """What `check` is told about recordings: that they are sound, their actions, films and readings."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,12 +30,22 @@ _LOOKED_AT = 3  # episodes whose pictures are compared
 _PICTURES, _FEWEST_PICTURES = 24, 8  # in total, and at least per episode
 
 
+class Given(NamedTuple):
+    """Episodes to check, and what plays them."""
+
+    simulator: Simulator  # at their rate
+    actions: np.ndarray  # (E, T, A), cut to the shortest episode's
+    facts: dict[str, Any]  # JSON, with warnings
+    read: ReadEpisodes | None = None
+    is_far: bool = False  # whether lengths are in another unit than the model's
+
+
 def of_recordings(
     config: CheckConfig, task: Task, size: int, seen: ObservationModel, report: ReportProgress
-) -> tuple[Simulator, np.ndarray, ReadEpisodes | None, dict[str, Any]]:
-    """A simulator at the recordings' rate, their actions (E, T, A), readings, facts and warnings.
+) -> Given:
+    """Looks at actions, films and readings. Raises InputError for unsound recordings.
 
-    Actions are cut to the shortest episode's.
+    Where lengths are in another unit, most else would look wrong and is not compared.
     """
     dataset = open_recordings(config.real or "", task, config, size, seen)
     num = how_many(dataset, config.episodes)
@@ -58,21 +68,21 @@ def of_recordings(
     values = Readings.of(read.trajectories, sensors).values if read else None
     far = far_beyond_model(simulator, recorded[:num], sensors, values)
     facts["warnings"] += [far] if far else []
-    if seen.cameras:
+    if seen.cameras and not far:
         report("comparing pictures", 0.0)
         as_read = AsRead(simulator, seen, read.trajectories[: len(frames)]) if read else None
-        facts["films"], more = look_at(films, task, simulator, actions, config, as_read, far)
-        facts["warnings"] += [warning for warning in more if warning != far]
-        if values is not None and not far:
+        facts["films"], more = look_at(films, task, simulator, actions, config, as_read)
+        facts["warnings"] += more
+        if values is not None:
             facts["warnings"] += far_starts(simulator, sensors, values, config.seed)
     if read:
         facts["servos"] = read.facts
-        facts["warnings"] += read.warnings
+        facts["warnings"] += read.warnings + read.beyond_ranges * (not far)
         if read.curves:
             path = named(config.pictures, "-servos" * bool(seen.cameras)) or new_file()
             draw_servos(path, task.name, read.curves, simulator.step_s)
             facts["servo_pictures"] = str(path)
-    return simulator, actions, read, facts
+    return Given(simulator, actions, facts, read, bool(far))
 
 
 def look_through(

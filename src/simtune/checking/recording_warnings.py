@@ -49,7 +49,9 @@ def warnings(
     found += of_unfilmed(facts.get("unfilmed", {}))
     if search == "posterior":
         lengths = [len(actions) for actions in recorded[:num_replayed]]
-        found += _of_lengths(lengths, facts.get("names", ()), are_filmed=bool(facts["cameras"]))
+        if facts["cameras"]:  # readings use all steps
+            found += of_lengths(lengths, facts.get("names", ()), facts.get("names_left_out", ()))
+        found += _of_short(lengths, facts.get("names", ()), are_filmed=bool(facts["cameras"]))
     found += _of_order(facts.get("action_names", ()), task.load_actions().names)
     return found + _of_actions(task, np.concatenate(recorded))
 
@@ -92,18 +94,15 @@ def _of_clocks(unused: Mapping[str, tuple[float, float]]) -> list[str]:
     ]
 
 
-def _of_lengths(lengths: list[int], names: Sequence[str], *, are_filmed: bool) -> list[str]:
-    """On episodes of these numbers of steps, and with these names."""
-    found, least = [], _fewest_steps(are_filmed=are_filmed)
-    if are_filmed:  # readings use all steps
-        found += of_lengths(lengths, names)
-    if min(lengths) < least:
-        episode = episode_in_words(names, lengths.index(min(lengths)))
-        found.append(
-            f"{episode} has {min(lengths)} steps: `simtune tune` needs at least {least} of each, "
-            "so leave it out (--leave-out)"
-        )
-    return found
+def _of_short(lengths: list[int], names: Sequence[str], *, are_filmed: bool) -> list[str]:
+    """On episodes of these numbers of steps, and with these names, that are too short to use."""
+    if min(lengths) >= (least := _fewest_steps(are_filmed=are_filmed)):
+        return []
+    episode = episode_in_words(names, lengths.index(min(lengths)))
+    return [
+        f"{episode} has {min(lengths)} steps: `simtune tune` needs at least {least} of each, "
+        "so leave it out (--leave-out)"
+    ]
 
 
 def refuse_if_all_short(lengths: Sequence[int], *, are_filmed: bool) -> None:

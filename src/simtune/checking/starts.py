@@ -13,6 +13,7 @@ _MOST_NAMED = 4  # other joints
 _STARTS = 64  # drawn
 _SLACK = 0.25  # of what starts spread over: farther outside is far
 _LEAST = 0.05  # of the model's extent, or rad: nearer is no other place
+_MEND = "say in [initial_state] where it begins"
 
 
 def far_starts(
@@ -20,29 +21,32 @@ def far_starts(
 ) -> list[str]:
     """On measured joints whose first readings, of (E, T + 1, D), are far from simulated starts.
 
-    Where an encoder's zero may be elsewhere, how far both spread is compared.
+    Where an encoder's zero may be elsewhere, how far both spread is compared. Whole turns of
+    endless hinges do not count.
     """
     model = simulator.model
     worlds = np.tile(simulator.space.nominal, (_STARTS, 1))
     begun = simulator.begin(worlds, np.random.default_rng((seed, 6))).states[:, 0]
     positions = simulator.state_space.positions_and_velocities(begun)
     columns = [
-        (s, joint, int(place))
+        (s, joint, int(place), np.isfinite(period))
         for s in sensors
-        for joint, place in zip(s.joints, s.places, strict=True)
+        for joint, place, period in zip(s.joints, s.places, s.periods, strict=True)
     ]
     found = dict[str, str]()
-    for (sensor, name, place), its in zip(columns, np.moveaxis(values, -1, 0), strict=True):
+    for (sensor, name, place, turns), its in zip(columns, np.moveaxis(values, -1, 0), strict=True):
         read, joint = its[:, 0][np.isfinite(its[:, 0])], model.joint(name)
         if sensor.is_velocity or not len(read):
             continue
         is_hinge = joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE
         ends = positions[:, place].min(), positions[:, place].max()
         slack = max(_SLACK * (ends[1] - ends[0]), _LEAST * (1.0 if is_hinge else model.stat.extent))
-        if _is_outside(read, ends, slack, knows_zero=not sensor.finds_offsets):
-            mend = "widen [initial_state]"
-            if not joint.limited[0]:
-                mend = "give the joint a range, or [initial_state]"
+        knows_zero = not sensor.finds_offsets
+        if turns:
+            middle = sum(ends) / 2 if knows_zero else _middle(read)
+            read = _within_half_a_turn(read, of=float(middle))
+        if _is_outside(read, ends, slack, knows_zero=knows_zero):
+            mend = _MEND if is_hinge or joint.limited[0] else f"give the joint a range, or {_MEND}"
             found[name] = (
                 f"begins at {read.min():.3g} to {read.max():.3g} {sensor.unit} in readings, and at "
                 f"{ends[0]:.3g} to {ends[1]:.3g} in simulated worlds{{alike}}: {mend}"
@@ -52,6 +56,15 @@ def far_starts(
     first, *others = found
     alike = f" ({cut(others, _MOST_NAMED)}, too)" * bool(others)
     return [f"{first} {found[first].format(alike=alike)}"]
+
+
+def _within_half_a_turn(angles: np.ndarray, of: float) -> np.ndarray:
+    return of + (angles - of + np.pi) % (2 * np.pi) - np.pi
+
+
+def _middle(angles: np.ndarray) -> float:
+    """Of angles in rad, which whole turns do not change."""
+    return float(np.angle(np.exp(1j * angles).mean()))
 
 
 def _is_outside(

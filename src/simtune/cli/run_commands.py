@@ -51,16 +51,16 @@ def _print_result(result: dict[str, Any], out: Path, print_line: PrintLine) -> C
     """Print the estimates if there are any, all warnings, and a policy's scores."""
     from simtune.api.table import lines
     from simtune.report.read_run import read_run
-    from simtune.report.trust import num_holding
+    from simtune.report.trust import mean_error, num_holding
     from simtune.report.words import number
 
     if result["method"] not in UNTUNED:
-        print_line("\n".join(lines(read_run(out))))
-        if "percent_error" in result:
-            print_line(f"mean error {result['percent_error']:.1f} %")
+        print_line("\n".join(lines(run := read_run(out))))
+        if (error := mean_error(run.looked_at)) is not None:
+            print_line(f"mean error {error:.1f} %")
         if result["search"] != "posterior":
             print_line('no intervals by this search: "weak" says only that it moved the estimate')
-        elif (held := num_holding(result["parameters"]))[1]:
+        elif (held := num_holding(run.looked_at))[1]:
             print_line("{} of {} intervals hold the truth".format(*held))
     for warning in result["warnings"]:
         print_line(f"warning: {warning}")

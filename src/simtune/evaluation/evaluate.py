@@ -74,7 +74,7 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     if run_config["real"] != "pseudo":
         found = Estimate.from_json(state["estimate"])
         late = round(found.late_steps(trained.real.step_s) + trained.declared_late_steps)
-        trained = replace(trained, found_late=min(max(0, late), trained.environment.most_late))
+        trained = replace(trained, found_late=min(max(0, late), trained.learnt_in.most_late))
     if not trained.agent.can_act:
         raise InputError(
             f"{run_folder} has no policy yet, which begins to learn late in a training: go on with "

@@ -10,6 +10,7 @@ import torch
 from simtune.agents import Agent, Observation
 from simtune.config import TrainConfig
 from simtune.devices import choose_device
+from simtune.errors import InputError
 from simtune.experiment.experiment import Experiment, build_search
 from simtune.experiment.presets import choose_schedule, choose_search
 from simtune.experiment.problem import build_problem
@@ -37,7 +38,7 @@ class TrainingExperiment(Experiment):
     config: TrainConfig
     task: Task
     schedule: Schedule
-    environment: PolicyWorlds
+    learnt_in: PolicyWorlds
     scored_in: PolicyWorlds  # with the reality gap, if there is one
     agent: Agent
     replay: Replay
@@ -66,7 +67,7 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
-        self.scored_in.load(self.environment.state())  # without a gap, they are the same
+        self.scored_in.load(self.learnt_in.state())  # without a gap, they are the same
         played = self.scored_in.play(act, worlds, rng, delay_steps=self.late_steps, counts=False)
         assert played.frames is not None
         assert played.reached is not None
@@ -93,7 +94,7 @@ class TrainingExperiment(Experiment):
             any_number = int(rng.integers(unknown + 1))
             late += any_number if estimated is None else estimated
         whole, part = divmod(max(0.0, late), 1)
-        return min(int(whole) + int(part > 0 and rng.random() < part), self.environment.most_late)
+        return min(int(whole) + int(part > 0 and rng.random() < part), self.learnt_in.most_late)
 
     def policy_warnings(self, num_skipped: int) -> list[str]:
         """Possible problems of the policy, which was too late for `num_skipped` real trials."""
@@ -107,18 +108,26 @@ class TrainingExperiment(Experiment):
         return []
 
     def state(self) -> dict[str, Any]:
-        return {**super().state(), "policy_worlds": self.environment.state()}
+        return {**super().state(), "policy_worlds": self.learnt_in.state()}
 
     def load(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
         super().load(tensors, state)
         self.load_agent(tensors, state)
-        film = self.environment.simulator.render  # frames are not stored
+        film = self.learnt_in.simulator.render  # frames are not stored
         self.replay.load(under("replay/", tensors), state["replay"], film)
 
     def load_agent(self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
-        """To act as it did, and to be scored by the rewards of its training."""
+        """To act as it did, and to be scored by the rewards of its training.
+
+        Raises InputError if an earlier version has not stored these.
+        """
+        if "policy_worlds" not in state:
+            raise InputError(
+                f"{self.config.out} holds a training of an earlier version of simtune, which this "
+                "one cannot go on with or score: train anew, into another folder"
+            )
         self.agent.load(under("agent/", tensors), state["agent"])
-        self.environment.load(state["policy_worlds"])
+        self.learnt_in.load(state["policy_worlds"])
 
     def _changing(self) -> dict[str, Any]:
         return {**super()._changing(), "agent": self.agent, "replay": self.replay}
@@ -149,17 +158,17 @@ def build_training(
     if problem.recordings:  # without a requested number there may be fewer than usual
         later = schedule.real_episodes[1:]
         schedule = replace(schedule, real_episodes=(len(problem.recordings), *later))
-    environment, scored_in = policy_worlds_of(config, schedule, task, problem)
-    agent = agent_of(config, settings, schedule, environment, problem, device)
+    learnt_in, scored_in = policy_worlds_of(config, schedule, task, problem)
+    agent = agent_of(config, settings, schedule, learnt_in, problem, device)
     if not agent.needs_keypoints:
-        environment.keypoints = None  # finding them in each step takes time
+        learnt_in.keypoints = None  # finding them in each step takes time
     return TrainingExperiment(
         **vars(problem),
         settings=settings,
         search_name=name,
         search=build_search(problem, name, settings) if name else fixed_range_of(config, problem),
         schedule=schedule,
-        environment=environment,
+        learnt_in=learnt_in,
         scored_in=scored_in,
         agent=agent,
         replay=replay_of(schedule, task, device),

@@ -47,8 +47,13 @@ def lateness_warning(what: str, late_s: float, std: float) -> list[str]:
     when = "later" if late_s > 0 else "sooner"
     return [
         f"The {what} seem to come {1e3 * abs(late_s):.0f} ms {when} than the recordings say "
-        f"(± {1e3 * std:.1g} ms); the estimates allow for it."
+        f"(± {_ms(std)} ms); the estimates allow for it."
     ]
+
+
+def _ms(seconds: float) -> str:
+    """Milliseconds with two digits, and no power of ten."""
+    return f"{1e3 * seconds:.0f}" if 1e3 * seconds >= 9.95 else f"{1e3 * seconds:.2g}"
 
 
 def too_late_warning(what: str, late_s: float) -> str:

@@ -49,7 +49,7 @@ def record(
     size = config.image_size
     simulator = filming_whole(task).simulator(
         image_size=size,
-        step_s=trained.environment.simulator.step_s if trained else None,
+        step_s=trained.learnt_in.simulator.step_s if trained else None,
         renderer=config.renderer,
         views=views_of(config, task),
         # OpenGL should look unlike the simulator, so it draws all that it can.
@@ -132,6 +132,6 @@ def _actor(
     if trained is None:
         actions = random_actions(1, num_steps, simulator.action_mapping, rng)
         return lambda t, _: actions[:, t]
-    own = trained.environment.simulator
+    own = trained.learnt_in.simulator
     stacker = FrameStacker(own, world, num_steps, trained.schedule.num_stacked)
     return acting_late(on_pictures(simulator, stacker, trained.agent.act), trained.late_steps)

@@ -31,7 +31,6 @@ class ArraysSource:
     """
 
     kind = "folder of arrays"
-    codec = "raw"
 
     def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
         self.path = folder
@@ -49,6 +48,9 @@ class ArraysSource:
             if key not in _OF_ACTIONS and not is_camera(key)
             for reading in readings_of(key, (), first.width(key))
         ]
+
+    def codec(self, episode: int) -> str:
+        return "raw"
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         stored = EpisodeArrays.load(self.files[episode])

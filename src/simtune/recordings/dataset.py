@@ -71,7 +71,8 @@ class Dataset:
         self._kept = kept_episodes(source, leave_out)  # indices of the source's
         self.episodes = [source.episodes[index] for index in self._kept]  # names
         self.num_episodes = len(self.episodes)
-        self.num_left_out = len(source.episodes) - self.num_episodes
+        self._left_out = [name for name in source.episodes if name not in self.episodes]
+        self.num_left_out = len(self._left_out)
 
     @property
     def aspects(self) -> list[float]:
@@ -167,6 +168,7 @@ class Dataset:
             "episodes": num_episodes,
             "episodes_in_dataset": len(self._source.episodes),
             "left_out": self.num_left_out,
+            "names_left_out": self._left_out,
             "steps": sum(s.num_steps for s in seen),
         }
 

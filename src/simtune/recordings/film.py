@@ -25,11 +25,14 @@ class Shot(NamedTuple):
 class Film:
     """The shots of all cameras, of the same episodes."""
 
-    def __init__(self, shots: Sequence[Shot], where: str):
-        """`where`: the recordings' path, for messages. Raises ValueError without pictures."""
+    def __init__(self, shots: Sequence[Shot], where: str, first: int = 0):
+        """`where`: the recordings' path, for messages; `first`: index of the first used episode.
+
+        Raises ValueError without pictures.
+        """
         if any(source.camera is None for source, _ in shots):
             raise ValueError("the source was opened without pictures")
-        self._shots, self._where = shots, where
+        self._shots, self._where, self._first = shots, where, first
 
     @property
     def files(self) -> list[Path]:
@@ -50,10 +53,10 @@ class Film:
     @functools.cached_property
     def _sizes(self) -> list[tuple[int, int]]:
         """(height, width) of each camera's pictures, taken from the first picture."""
-        sizes = []
+        first, sizes = self._first, []
         for source, _ in self._shots:
-            pictures = source.pictures(0, source.rows(0).times_s[:1])
-            _, picture = _next(pictures, f"{source.episodes[0]}, step 0")
+            pictures = source.pictures(first, source.rows(first).times_s[:1])
+            _, picture = _next(pictures, f"{source.episodes[first]}, step 0")
             sizes.append(picture.shape[:2])
         return sizes
 
@@ -100,7 +103,7 @@ class Film:
         """Facts on each camera, from episodes whose pictures were read; JSON."""
         height = height or self.height(None)
         return [
-            {"key": source.camera, "codec": source.codec}
+            {"key": source.camera, "codec": source.codec(self._first)}
             | picture_facts(seen, number, (height, width_of(aspect, height)))
             for number, ((source, _), aspect) in enumerate(
                 zip(self._shots, self.aspects, strict=True)
@@ -115,13 +118,13 @@ class Film:
         times_s = times_s + footage.latency_s
         name, errors_s = source.episodes[episode], []
         pictures = source.pictures(episode, times_s)
-        for time_s in times_s:
-            seen_s, picture = _next(pictures, f"{name}, step {len(errors_s)}")
+        for step, time_s in enumerate(times_s):
+            seen_s, picture = _next(pictures, f"{name}, step {step}")
             if picture.shape[:2] != recorded:
                 height, width = picture.shape[:2]
                 raise InputError(
-                    f"{self._where}: {name}: pictures of {width}×{height} pixels, those of other "
-                    f"episodes have {recorded[1]}×{recorded[0]}; "
+                    f"{self._where}: {name}, step {step}: a picture of {width}×{height} pixels, "
+                    f"the first of {source.episodes[self._first]} has {recorded[1]}×{recorded[0]}; "
                     "expected one camera that films all alike"
                 )
             errors_s.append(abs(seen_s - time_s))

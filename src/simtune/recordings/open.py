@@ -13,7 +13,7 @@ from simtune.recordings.lerobot import INFO_PATH, LeRobotSource
 from simtune.recordings.pairs import TABLE, VIDEOS, PairsSource
 from simtune.recordings.readings import NO_READINGS
 from simtune.recordings.robomimic import RobomimicSource
-from simtune.recordings.source import Source, short
+from simtune.recordings.source import Source, kept_episodes, short
 from simtune.recordings.turning import Turning
 
 _HDF5 = (".hdf5", ".h5")
@@ -42,9 +42,10 @@ def open_dataset(
     path = Path(path)
     shots = [Shot(_recognise(path, f.key, control_hz, pictures=True), f) for f in cameras]
     rows = shots[0].source if shots else _recognise(path, None, control_hz, pictures=False)
+    first = kept_episodes(rows, leave_out)[0]
     return Dataset(
         rows,
-        film=Film(shots, str(path)) if shots else None,
+        film=Film(shots, str(path), first) if shots else None,
         image_size=image_size,
         num_actions=num_actions,
         actions=actions,

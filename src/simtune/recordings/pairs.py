@@ -58,9 +58,8 @@ class PairsSource:
         self.files: Sequence[Path] = [*videos, *self._tables.values()]
         self.fps = self._fps()
 
-    @property
-    def codec(self) -> str:
-        return video.probe(self._video(0)).codec
+    def codec(self, episode: int) -> str:
+        return video.probe(self._video(episode)).codec
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         if not self._is_acted_on:

@@ -35,7 +35,6 @@ class RobomimicSource:
     """
 
     kind = "robomimic HDF5"
-    codec = "raw"
 
     def __init__(
         self,
@@ -71,6 +70,9 @@ class RobomimicSource:
             raise InputError(
                 f"{path}: /data says no control_freq in env_args; give the rate as --control-hz"
             )
+
+    def codec(self, episode: int) -> str:
+        return "raw"
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         where, actions = self._where(episode), self._actions(episode)

@@ -68,9 +68,8 @@ class Source(Protocol):
     episodes: Sequence[str]  # names
     files: Sequence[Path]  # all files that the content depends on
 
-    @property
-    def codec(self) -> str:
-        """Codec of the pictures, e.g. "h264"."""
+    def codec(self, episode: int) -> str:
+        """Codec of an episode's pictures, e.g. "h264"."""
         ...
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:

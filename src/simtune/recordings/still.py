@@ -10,6 +10,8 @@ from simtune.errors import InputError
 from simtune.recordings.video import MOST_PIXELS, TO_RGB
 
 _BEGINS = {"png": b"\x89PNG\r\n\x1a\n", "jpeg": b"\xff\xd8\xff"}
+_SCAN, _END = b"\xff\xda", b"\xff\xd9"  # markers in a JPEG: its coded pixels have neither
+_DAMAGED = "a picture is damaged; copy the file again"
 
 
 def kind_of(data: bytes) -> str:
@@ -24,6 +26,8 @@ def decode_picture(data: bytes) -> np.ndarray:
     """(H, W, 3) uint8 RGB of a file's content. Raises InputError."""
     # The kind is given: FFmpeg would also take a playlist, which makes it open other files.
     kind = kind_of(data)
+    if kind == "jpeg" and data.rfind(_END) < data.rfind(_SCAN):
+        raise InputError(_DAMAGED)  # cut: FFmpeg would make the rest grey, and say nothing
     try:
         with av.open(io.BytesIO(data), "r", format=f"{kind}_pipe") as container:
             stream = container.streams.video[0]
@@ -33,10 +37,11 @@ def decode_picture(data: bytes) -> np.ndarray:
                     f"a picture of {width}×{height} pixels; expected at most 7680×4320, make it "
                     "smaller"
                 )
-            stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+            options = {"max_pixels": str(MOST_PIXELS), "err_detect": "explode"}
+            stream.codec_context.options = options
             frame = next(container.decode(stream), None)
             if frame is None or frame.is_corrupt:
-                raise InputError("a picture is damaged; copy the file again")
+                raise InputError(_DAMAGED)
             return frame.to_ndarray(**TO_RGB)
     except av.error.FFmpegError as error:
         raise InputError(

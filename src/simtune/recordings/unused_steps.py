@@ -7,8 +7,13 @@ from simtune.columns import counted, episode_in_words
 _MOST_LEFT_OUT = 5  # episodes that may be advised to leave out
 
 
-def of_lengths(lengths: Sequence[int], names: Sequence[str]) -> list[str]:
-    """On episodes of these numbers of steps, and with these names, all cut to the shortest."""
+def of_lengths(
+    lengths: Sequence[int], names: Sequence[str], left_out: Sequence[str] = ()
+) -> list[str]:
+    """On episodes of these numbers of steps, and with these names, all cut to the shortest.
+
+    `left_out`: names of those that are left out already.
+    """
     order = sorted(range(len(lengths)), key=lambda episode: lengths[episode])
     unused = sum(lengths) - (used := len(lengths) * min(lengths))
     if not unused:
@@ -17,9 +22,12 @@ def of_lengths(lengths: Sequence[int], names: Sequence[str]) -> list[str]:
     most = max(1, min(_MOST_LEFT_OUT, len(lengths) // 2))
     wins = [(len(lengths) - num) * lengths[order[num]] - used for num in range(1, most + 1)]
     num = 1 + wins.index(max(wins))
-    left_out = ",".join(names[i].removeprefix("episode ") for i in order[:num] if names)
     without = "without it" if num == 1 else f"without the {num} shortest"
-    option = f" (--leave-out {left_out})" * bool(left_out)
+    option = ""
+    if names:
+        listed = [*left_out, *(names[i] for i in order[:num])]
+        short = ",".join(name.removeprefix("episode ") for name in listed)
+        option = f" (--leave-out {short})"
     advice = f"{without}{option}, {max(wins)} more would be used"
     return [
         f"episodes last {min(lengths)} to {max(lengths)} steps: all are cut to the shortest, "

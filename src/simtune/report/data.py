@@ -169,7 +169,7 @@ class RunData:
         if self.has_pictures:
             return []
         checked = self.object("check")
-        return [name for name in self.parameters if _is_appearance(checked.get(name))]
+        return [name for name in self.parameters if _shows_in_pictures_only(checked.get(name))]
 
     @property
     def looked_at(self) -> dict[str, dict[str, Any]]:
@@ -205,8 +205,8 @@ class RunData:
         return [RoundEstimate(*row) for row in rows if all(map(is_number, row))]
 
 
-def _is_appearance(checked: object) -> bool:
-    """Whether `check` expects no precision of a parameter from motion."""
+def _shows_in_pictures_only(checked: object) -> bool:
+    """Whether `check` lists no std for a parameter, as it does for appearance alone."""
     return isinstance(checked, dict) and not {"std", "std_percent"} & checked.keys()
 
 

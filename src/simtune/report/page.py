@@ -88,6 +88,7 @@ def _environment() -> Environment:
         "summary": words.summary,
         "not_looked_at": words.not_looked_at,
         "holds_truth": trust.holds_truth,
+        "mean_error": trust.mean_error,
         "num_holding": trust.num_holding,
         "reasons": expected_precision.reasons,
         "ends_farther": part_plots.ends_farther,

@@ -19,6 +19,13 @@ def holds_truth(facts: Mapping[str, Any]) -> bool | None:
     return low <= truth <= high
 
 
+def mean_error(parameters: Mapping[str, Mapping[str, Any]]) -> float | None:
+    """Mean of the estimates' percent errors; None if no truth is known."""
+    errors = [facts.get("percent_error") for facts in parameters.values()]
+    known = [error for error in errors if is_number(error)]
+    return sum(known) / len(known) if known else None
+
+
 def num_holding(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[int, int]:
     """(intervals that hold their truth, intervals whose truth is known)."""
     held = [holds for facts in parameters.values() if (holds := holds_truth(facts)) is not None]

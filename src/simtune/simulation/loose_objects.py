@@ -40,16 +40,16 @@ def passive_joints(model: mujoco.MjModel) -> np.ndarray:
 def gliding_joints(model: mujoco.MjModel, measured: Sequence[int] = ()) -> np.ndarray:
     """Joints of objects on two slides or more, such as a block that is pushed about a table.
 
-    In trees of their own that nothing drives, ties, springs or measures. `measured`: indices of
-    positions.
+    Each alone in a kinematic tree that nothing drives, ties, springs or measures. `measured`:
+    indices of positions.
     """
-    tree, kind = model.body_rootid[model.jnt_bodyid], model.jnt_type
+    tree, kind = model.body_treeid[model.jnt_bodyid], model.jnt_type
     is_held = ~np.isin(np.arange(model.njnt), passive_joints(model)) | (model.jnt_stiffness != 0)
     is_held |= np.isin(model.jnt_qposadr, measured) | ~np.isin(kind, (_SLIDE, _HINGE))
     ties = joint_ties(model)
     is_held[[*model.eq_obj1id[ties], *model.eq_obj2id[ties]]] = True
-    held = [*tree[is_held], *model.body_rootid[list(tied_bodies(model))]]
-    slides = np.bincount(tree[kind == _SLIDE], minlength=model.nbody)
+    held = [*tree[is_held], *model.body_treeid[list(tied_bodies(model))]]
+    slides = np.bincount(tree[kind == _SLIDE], minlength=model.ntree)
     return np.flatnonzero((slides[tree] >= 2) & ~np.isin(tree, held))
 
 

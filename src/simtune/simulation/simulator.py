@@ -17,6 +17,7 @@ from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
 _BATCHES_KEPT = 2  # a fit alternates between many worlds for derivatives and a few for trials
+_NEVER = 1e10  # m: contacts with such a gap push nothing, at any depth
 _EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 
 
@@ -102,8 +103,10 @@ class Simulator(AnySimulator):
         """The same, in which (nbody,) bool bodies touch nothing; its steps are counted here."""
         other = copy.copy(self)
         other.model, other._worlds = copy.copy(self.model), {}
-        geoms = bodies[other.model.geom_bodyid]
-        other.model.geom_contype[geoms] = other.model.geom_conaffinity[geoms] = 0
+        model, geoms = other.model, bodies[other.model.geom_bodyid]
+        model.geom_contype[geoms] = model.geom_conaffinity[geoms] = 0
+        pairs = geoms[model.pair_geom1] | geoms[model.pair_geom2]  # which these do not filter
+        model.pair_margin[pairs], model.pair_gap[pairs] = -_NEVER, _NEVER
         return other
 
     def begin(

@@ -6,7 +6,8 @@ single round:
     far      short stretches, from several first guesses: nearly linear, so no local minima
     late     number of steps by which actions are late, if no parameter describes it; the rest,
              less than a step, is fitted as well
-    whole    open-loop replay of whole episodes, the actual objective
+    whole    open-loop replay of whole episodes, or of segments as long as replays can be followed:
+             the actual objective
     again    from other starts, until two end at the best: contacts and limits make it rough
     judge    uncertainty, and what the model cannot explain
 """

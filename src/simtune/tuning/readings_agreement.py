@@ -10,7 +10,8 @@ from simtune.observation import JointSensor, declared_noise
 
 FAR_MORE = 4.0  # factor on the noise that a sensor declares
 CLEARLY_BETTER = 0.02  # relative decrease of residuals that counts as better, for a fit or a delay
-_CLOSE = 0.01  # in unit coordinates, a third of the way from the nearest other start
+_CLOSE = 0.01  # in unit coordinates
+_AWAY = 0.025  # at least, must a fit have begun from an answer to confirm it
 
 
 class BestDescent(NamedTuple):
@@ -21,11 +22,15 @@ class BestDescent(NamedTuple):
     apart: np.ndarray
     is_sure: bool  # whether another one agrees
     num_fits: int
-    is_whole: bool  # of whole episodes, rather than stretches of the last horizon
+    # Of whole episodes, or of the segments that can be followed, not stretches of the last horizon
+    is_whole: bool
 
 
 def best_of(fits: Sequence[Descent], moving: np.ndarray, is_whole: bool) -> BestDescent:
-    """`moving`: (N,) bool, parameters that are fitted; the others are as in `BestDescent`."""
+    """Of fits in the order in which they were made.
+
+    `moving`: (N,) bool, parameters that are fitted; `is_whole`: see `BestDescent`.
+    """
     best, *others = sorted(fits, key=lambda descent: descent.log_rms)
     is_sure = agree(fits, moving)
     near = [d for d in others if d.log_rms < best.log_rms + CLEARLY_BETTER]
@@ -55,6 +60,17 @@ def unexplained(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray
 
 
 def _next_to_best(fits: Sequence[Descent], moving: np.ndarray) -> list[Descent]:
-    """Those that end where the best one does, itself among them."""
-    best = min(fits, key=lambda descent: descent.log_rms)
-    return [d for d in fits if np.abs(d.unit - best.unit)[moving].max() < _CLOSE]
+    """Those that end where the best one does, itself among them.
+
+    The later of two must have begun elsewhere: one that hardly moved confirms nothing.
+    """
+    best = min(range(len(fits)), key=lambda number: fits[number].log_rms)
+
+    def confirms(number: int) -> bool:
+        earlier, later = fits[min(number, best)], fits[max(number, best)]
+        ended, begun = (
+            np.abs(unit - earlier.unit)[moving].max() for unit in (later.unit, later.begun)
+        )
+        return bool(ended < _CLOSE and begun >= _AWAY)
+
+    return [fit for number, fit in enumerate(fits) if number == best or confirms(number)]

@@ -21,6 +21,7 @@ from simtune.fit import (
     Readings,
     ReplayStage,
 )
+from simtune.fit.readings.segments import Segments
 from simtune.observation import declared_noise
 from simtune.tuning.readings_agreement import (
     CLEARLY_BETTER,
@@ -31,7 +32,7 @@ from simtune.tuning.readings_agreement import (
     unexplained,
 )
 
-_LITTLE_MORE = 1.5  # factor on the same
+_LITTLE_MORE = 1.5  # factor on the noise that a sensor declares
 _LONGEST_DELAY_S = 0.5
 _MOST_LEFT = 0.5  # steps of a delay that are left to a lateness
 _INSIDE = 0.1  # of the range, kept from its ends: at a bound nothing moves inward
@@ -182,21 +183,23 @@ class ReadingsFits:
         """A fit to whole episodes, as far as replays can follow them, and the seconds it took.
 
         How far that is depends on the parameters. So what a fit finds is asked again, and the fit
-        is repeated if it follows other segments, until these stay.
+        is repeated if it follows other segments, until these are the same as once before: of two
+        that lead to each other, the first is as good. There must be time for a second fit to them.
         """
         budget.report("replaying whole episodes", 0.0)
-        segments, num_cuts = self._method.follow(readings, guess), 1
+        segments, fits = self._method.follow(readings, guess), list[tuple[Segments, Descent]]()
         while True:
             left_s = budget.seconds_left
             stage = ReplayStage(self._horizons.whole_iterations, segments=segments)
             descent = self._method.descend(readings, guess, stage, budget)
             took_s = left_s - budget.seconds_left
-            guess, before = descent.guess, segments
+            fits.append((segments, descent))
+            guess = descent.guess
             segments = self._method.follow(readings, guess)
-            is_last = num_cuts == _MOST_CUTS or budget.seconds_left <= took_s
-            if is_last or segments.are(before):
-                return descent, stage, took_s
-            num_cuts += 1
+            before = [fit for fit in fits if fit[0].are(segments)]
+            if before or len(fits) == _MOST_CUTS or budget.seconds_left <= 2 * took_s:
+                segments, descent = (before or fits)[-1]
+                return descent, stage._replace(segments=segments), took_s
 
     def _is_found(self, fits: list[Descent], best: Descent) -> bool:
         """Whether fits to whole episodes agree and leave no more than noise."""
@@ -213,8 +216,11 @@ class ReadingsFits:
     def _start_near(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:
         """A start near the best, with all parameters higher or lower `together`, or at random."""
         away = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log(_SIDESTEPS)))
-        step = away if together else away * rng.normal(size=len(best.unit))
-        return Guess(np.clip(best.unit + step * self._moving, 0, 1), best.guess.offsets)
+        step = away * self._moving * (1.0 if together else rng.normal(size=len(best.unit)))
+        step *= max(1.0, _SIDESTEPS[0] / max(np.abs(step).max(), 1e-9))
+        beyond = (best.unit + step < 0) | (best.unit + step > 1)
+        unit = best.unit + np.where(beyond, -step, step)  # at a bound, inward
+        return Guess(np.clip(unit, 0, 1), best.guess.offsets)
 
     @property
     def _moving(self) -> np.ndarray:

@@ -34,13 +34,15 @@ _HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
 _MAINLY = 0.5  # share of what a parameter changes
 _UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
 _NOT_FOUND_TWICE = (
-    "Fits to whole episodes ended at no answer twice ({} tried, from as many starts), so how sure "
-    "the best of them is cannot be said, and nothing is called identified. Leave parameters out "
-    "that go with others, give better first guesses, or more minutes."
+    "Fits to whole episodes, or to what of them can be followed, ended at no answer twice ({} "
+    "tried, from as many starts), so how sure the best of them is cannot be said, and nothing is "
+    "called identified. Leave parameters out that go with others, give better first guesses, or "
+    "more minutes."
 )
 _ONE_FIT = (
-    "There was time for one fit to whole episodes of readings, so how sure it is cannot be said, "
-    "and nothing that it tells is called identified. Give it more minutes."
+    "There was time for one fit to whole episodes of readings, or to what of them can be followed. "
+    "So how sure it is cannot be said, and nothing that it tells is called identified. Give it "
+    "more minutes."
 )
 _BY_STRETCHES = (
     "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
@@ -115,7 +117,7 @@ def conclude(
             *at_bounds.values(),
             *([_UNSEEN.format(", ".join(unseen))] if unseen else []),
         ],
-        start=judged.start.tolist(),
+        start=None if judged.start is None else judged.start.tolist(),
         latency_steps=late,
         readings_late_s=late_s,
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),

@@ -7,7 +7,7 @@ from simtune.checking.film.turned import Turned
 _ALIKE = 0.6  # least similarity, relative to that among the simulator's worlds
 _STILL = 0.05  # of the motion in the other one, film or simulator
 _SOME = 1e-3  # share of pixels below which nothing moves in a film
-STUCK = (
+_STUCK = (
     "things move in the film, and nothing moves in the simulator as it plays the recorded actions: "
     "the model is stuck, and no motion can be compared; does an actuator reach the joint, is it "
     "locked or held by its limits, or is something in the way?"
@@ -23,19 +23,18 @@ def warnings(
     comparison: Comparison,
     exchanged_with: str | None = None,
     turned: Turned | None = None,
-    stuck: str = STUCK,
 ) -> list[str]:
     """A sentence if the film cannot show the simulator's scene as its camera sees it.
 
     `exchanged_with`: the camera whose film this one seems to have instead. `turned`: how it is
-    turned, beside readings. `stuck`: said if nothing moves in the simulator alone.
+    turned, beside readings.
     """
     if exchanged_with is not None:
         return [_EXCHANGED.format(exchanged_with)]
     if turned is not None:
         return [_against_readings(turned)]
     if comparison.simulated_moving_share < _STILL * comparison.moving_share > _STILL * _SOME:
-        return [stuck]
+        return [_STUCK]
     if comparison.moving_share < _STILL * comparison.simulated_moving_share:
         return ["nothing moves in the film, though the simulator's parts do: is it this scene?"]
     if film.view.background_is_unknown:  # the film shows more than the simulator draws

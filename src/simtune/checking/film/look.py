@@ -11,7 +11,7 @@ from simtune.checking.film.as_read import AsRead
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import compare
 from simtune.checking.film.exchanged import exchanged
-from simtune.checking.film.film_warnings import STUCK, warnings
+from simtune.checking.film.film_warnings import warnings
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.painted import hidden_background, painted_over
 from simtune.checking.film.picture import draw_film, named, new_file
@@ -44,12 +44,10 @@ def look_at(
     actions: np.ndarray,
     config: CheckConfig,
     as_read: AsRead | None = None,
-    stuck: str | None = None,
 ) -> tuple[dict[str, Any], list[str]]:
     """Facts of each camera's film, by name, and warnings; saves pictures.
 
-    `as_read`: the films' episodes as joint readings have them. `stuck`: why nothing moves in the
-    simulator, if known.
+    `as_read`: the films' episodes as joint readings have them.
     """
     libraries = make_libraries(simulator, actions[: len(films[0].frames)], config.seed)
     if not libraries:
@@ -62,7 +60,7 @@ def look_at(
         turn = turns.get(film.name)
         states = library.states.reshape(-1, library.states.shape[-1])
         film = film._replace(painted=painted_over(simulator, states, i))
-        warned = warnings(film, comparison, other, turn, stuck or STUCK)
+        warned = warnings(film, comparison, other, turn)
         hidden = hidden_background(film.painted) if film.is_plate else []
         which = f"-{film.name.replace('/', '_')}" if len(films) > 1 else ""
         path = named(config.pictures, which) or new_file(which)
@@ -89,8 +87,7 @@ def _exchanged(
     films: list[CameraFilm], libraries: list[Library], simulator: Simulator
 ) -> dict[str, str]:
     """{still camera: whose film it seems to have instead}."""
-    model = simulator.model
-    still = [i for i, film in enumerate(films) if not camera_moves(model, film.view.camera)]
+    still = _still(films, simulator)
     pairs = exchanged([films[i].frames for i in still], [libraries[i] for i in still])
     return {films[still[i]].name: films[still[j]].name for i, j in pairs.items()}
 
@@ -99,11 +96,13 @@ def _turned(
     films: list[CameraFilm], simulator: Simulator, as_read: AsRead | None
 ) -> dict[str, Turned]:
     """{still camera: how its film is turned}, as far as readings say so."""
-    if as_read is None or not as_read.joints:
+    still = {i: films[i].frames for i in _still(films, simulator)}
+    if as_read is None or not as_read.joints or not still:
         return {}
-    pairs = zip(films, turned([film.frames for film in films], as_read), strict=True)
-    return {
-        film.name: turn
-        for film, turn in pairs
-        if turn and not camera_moves(simulator.model, film.view.camera)
-    }
+    return {films[i].name: turn for i, turn in turned(still, as_read).items()}
+
+
+def _still(films: list[CameraFilm], simulator: Simulator) -> list[int]:
+    """Numbers of the cameras that do not move."""
+    model = simulator.model
+    return [i for i, film in enumerate(films) if not camera_moves(model, film.view.camera)]

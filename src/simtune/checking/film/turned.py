@@ -6,6 +6,7 @@ moment, less how alike they are at other moments: symmetric scenes and other thi
 nothing by this.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,8 @@ _LATE_STEPS = range(-2, 4)  # by which pictures may be late beside readings: any
 _LEAST = 0.1  # cosine at its own moment, less that at others: here nothing agrees by chance
 _BETTER = 2.0  # factor by which a turned film must agree better than as it is, in all episodes
 _ALIKE = 0.9  # of the best agreement: as good
-_AS_WELL = 0.7  # of that is explained by a joint whose sign is reversed
+# Share of the best agreement that other readings must reach to explain the film as well
+_AS_WELL = 0.7
 
 
 @dataclass(frozen=True)
@@ -36,17 +38,19 @@ class Turned:
         return " or ".join(framing.says for framing in self.framings)
 
 
-def turned(films: list[np.ndarray], as_read: AsRead) -> list[Turned | None]:
-    """Of each camera's (E, K, H, W, 3) film: how it is turned, if that is clear.
+def turned(films: Mapping[int, np.ndarray], as_read: AsRead) -> dict[int, Turned]:
+    """How (E, K, H, W, 3) films are turned, {number of the view: film}, where that is clear.
 
     `as_read`: the same episodes.
     """
-    num = films[0].shape[1]
-    drawn = [[_moving(view) for view in as_read.draw(num, late)] for late in _LATE_STEPS]
-    return [
-        _turned(film, view, [views[view] for views in drawn], as_read)
-        for view, film in enumerate(films)
-    ]
+    num = next(iter(films.values())).shape[1]
+    views = [as_read.draw(num, late) for late in _LATE_STEPS]
+    found = dict[int, Turned]()
+    for view, film in films.items():
+        drawn = [_moving(its[view]) for its in views]
+        if turn := _turned(film, view, drawn, as_read):
+            found[view] = turn
+    return found
 
 
 def _turned(film: np.ndarray, view: int, drawn: list[np.ndarray], as_read: AsRead) -> Turned | None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from simtune.checking.servos.fit import ServoResponse, delayed_by, predict
-from simtune.checking.servos.following import Following, Watched, followed_instead, follows
+from simtune.checking.servos.following import Following, Watched, followed_instead
 from simtune.columns import episode_in_words
 
 _MOVED = 0.05  # of what is commanded: a joint that moves less stands still
@@ -13,7 +13,7 @@ _STUCK_S = 0.7  # with exactly the same reading
 _STUCK_COMMANDED = 0.15  # of the commanded travel, in the meantime
 _HARDLY = 0.4
 _SCALE = 1.25  # factor within which two slopes may be the same
-_LESS = 2.0  # ... if contacts, which only shorten a joint's way, made one smaller
+_LESS = 2.0  # the same, towards smaller slopes: contacts shorten a joint's way
 _FAR = (0.5, 0.75)  # of the way to the farthest command: near below, far above
 _SHORT, _CLEARLY = 0.1, 4.0  # of that way; factor on the residuals near by
 _FEWEST = 20  # frames far out
@@ -21,7 +21,9 @@ _DEGREES = 180 / np.pi
 _UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
 
 
-def doubts(joint: Watched, servo: ServoResponse, others: Sequence[Watched] = ()) -> list[str]:
+def doubts(
+    joint: Watched, servo: ServoResponse, following: Following, others: Sequence[Watched] = ()
+) -> list[str]:
     """On a joint's readings beside its commands, and those of `others`."""
     name, unit = joint.name, joint.unit
     if not servo.commanded > 0 or not np.isfinite(servo.travel):
@@ -32,7 +34,6 @@ def doubts(joint: Watched, servo: ServoResponse, others: Sequence[Watched] = ())
             f"{name} reads {value:.4g} {unit} all the time, while it is commanded over "
             f"{servo.commanded:.3g} {unit}: is the sensor stuck, or another column meant?"
         ]
-    following = follows(joint, servo)
     if odd := _other_scale(joint, following):
         return [odd]
     if servo.travel < _MOVED * servo.commanded:
@@ -54,12 +55,16 @@ def doubts(joint: Watched, servo: ServoResponse, others: Sequence[Watched] = ())
     return found + _falls_short(joint, servo)
 
 
-def misread_by(joint: Watched, servo: ServoResponse) -> float:
-    """What readings are certainly multiplied by: another unit's factor, −1, or both; else 1."""
-    following = follows(joint, servo)
-    factor = _UNITS[joint.unit][0] if joint.unit in _UNITS else np.nan
+def misread_by(unit: str, following: Following) -> float | None:
+    """What readings in `unit` are multiplied by: another unit's factor, −1, or both; else 1.
+
+    None where it is not clear how they follow their commands.
+    """
+    if not following.is_clear:
+        return None
+    factor = _UNITS[unit][0] if unit in _UNITS else np.nan
     size = abs(following.slope)
-    if not following.is_clear or factor / _SCALE < 1 / size < factor * _LESS:
+    if factor / _SCALE < 1 / size < factor * _LESS:
         return 1.0  # or actions are
     return np.sign(following.slope) * (factor if _is_in_unit(size, factor) else 1.0)
 

@@ -36,11 +36,13 @@ class Watched(NamedTuple):
 
 
 def follows(joint: Watched, servo: ServoResponse) -> Following:
-    """Correlation of readings with commands, for any unit and sign."""
+    """Correlation of readings with commands, for any unit and sign; 0 where they tell nothing."""
     commands, measured = joint.commands, joint.measured
-    longest = 2 * servo.lag_steps + 0.5 * _WAYS
     y = np.concatenate([read[: len(c)] for c, read in zip(commands, measured, strict=True)])
     known, found = np.isfinite(y), [(0.0, 0.0)]
+    if not servo.commanded > 0 or known.sum() < 2:
+        return Following(0.0, 0.0, 0.0)
+    longest = 2 * servo.lag_steps + 0.5 * _WAYS
     # Of a sine, half a period more looks reversed: each sign is compared where it fits best.
     reversed_ = delay_of(commands, [-read for read in measured], joint.step_s)
     for lag in (servo.lag_steps, reversed_, *np.linspace(0, longest, _WAYS)):

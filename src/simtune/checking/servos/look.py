@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from simtune.checking.servos.doubts import doubts, misread_by
 from simtune.checking.servos.fit import ServoResponse, fit_servo, predict
-from simtune.checking.servos.following import Watched
+from simtune.checking.servos.following import Watched, follows
 from simtune.checking.servos.lost import without_lost_packets
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.play import find_play
@@ -23,7 +23,7 @@ class SeenJoint(NamedTuple):
     curve: Curve  # in the first episode that is long enough
     warnings: list[str]
     is_doubtful: bool  # whether a warning says more than that packets were lost
-    misread_by: float  # see there
+    misread_by: float | None  # factor on its readings that they should not have, if that is clear
 
     def facts(self) -> dict[str, Any]:
         """JSON."""
@@ -44,12 +44,13 @@ def look_at(joint: Watched, noise: float, others: Sequence[Watched] = ()) -> See
     servo = fit_servo(asked, measured, joint.step_s)
     play = find_play(servo, asked, measured, joint.step_s)
     (predicted,) = predict(servo, asked[:1], joint.step_s)
-    doubtful = doubts(joint, servo, others)
+    following = follows(joint, servo)
+    doubtful = doubts(joint, servo, following, others)
     return SeenJoint(
         servo,
         play.width if play.is_clear(servo.noise) else None,
         Curve(joint.unit, asked[0], measured[0], predicted, servo),
         lost + doubtful,
         is_doubtful=bool(doubtful),
-        misread_by=misread_by(joint, servo) if doubtful else 1.0,
+        misread_by=misread_by(joint.unit, following),
     )

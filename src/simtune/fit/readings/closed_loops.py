@@ -1,5 +1,7 @@
 """Joints that a closed loop ties to measured ones: the rocker of a four-bar linkage."""
 
+import functools
+
 import mujoco
 import numpy as np
 
@@ -12,13 +14,17 @@ _LARGEST_STEP = 0.3  # rad or m: near a dead centre, a longer one may end in the
 _PART = 0.1  # rad or m that measured joints are moved at once, for the same reason
 _MOST_PARTS = 100
 _SINGULAR = 1e-6  # of the largest singular value: MuJoCo's rows of a planar loop are redundant
+# The same for velocities, whatever their units: nearer to a dead centre, where links lie on one
+# line, noise of the measured ones would be all that the others show
+_DEAD_CENTRE = 0.02
+_ELSEWHERE = 0.1  # rad or m: from a pose in which a loop may happen to be singular
 
 
 class ClosedLoops:
     """The loops of a model that active `<connect>` and `<weld>` equalities close.
 
-    Of these, those with measured joints and others. The others are moved until the loop is closed
-    (Gauss-Newton over the equalities' residuals); measured ones stay.
+    Only loops with both measured and unmeasured joints. The unmeasured ones are moved until the
+    loop is closed (Gauss-Newton over the equalities' residuals).
     """
 
     def __init__(self, model: mujoco.MjModel, places: np.ndarray, dofs: np.ndarray):
@@ -35,10 +41,24 @@ class ClosedLoops:
     def __bool__(self) -> bool:
         return self._ties.size > 0
 
+    @functools.cached_property
+    def placed_joints(self) -> list[int]:
+        """Unmeasured joints that loops place; none if a loop leaves one of them open."""
+        model, data = self.model, self._data
+        if data is None:
+            return []
+        data.qpos[:] = model.qpos0
+        somewhere = np.random.default_rng(0).normal(0, _ELSEWHERE, model.nv)
+        mujoco.mj_integratePos(model, data.qpos, somewhere, 1.0)
+        slopes = self._slopes(data)[:, self._passive]
+        if np.linalg.matrix_rank(slopes, tol=_SINGULAR * np.abs(slopes).max()) < slopes.shape[1]:
+            return []
+        return np.unique(model.dof_jntid[self._passive]).tolist()
+
     def close(self, states: np.ndarray) -> None:
         """Close loops in (n, nq + nv) `states`, each near by."""
         for state in states:
-            self._close(state)
+            self._close(state, _DEAD_CENTRE)
 
     def follow(self, states: np.ndarray, begun: np.ndarray) -> None:
         """Close loops in (E, T, nq + nv) `states`, which follow each other from `begun` on.
@@ -70,33 +90,41 @@ class ClosedLoops:
         ends = np.append(model.jnt_qposadr, nq)
         for start, end in zip(ends[joints], ends[joints + 1], strict=True):
             state[start:end] = between[start:end]
-        self._close(state)
+        state[nq + self._passive] = last[nq + self._passive]
+        self._close(state, _DEAD_CENTRE)
 
-    def _close(self, state: np.ndarray) -> None:
-        """Close loops in one (nq + nv) state, which has the other joints' velocities."""
+    def _close(self, state: np.ndarray, singular: float = _SINGULAR) -> None:
+        """Close loops in one (nq + nv) state, which has the other joints' velocities.
+
+        Velocities that it tells `singular` times as well as others, or worse, stay as they are.
+        """
         model, data, passive = self.model, self._data, self._passive
         assert data is not None, "there are loops"
-        nq, step = model.nq, np.zeros(model.nv)
-        solved = np.zeros((len(passive), 2))
+        nq, step, slopes = model.nq, np.zeros(model.nv), np.empty((0, model.nv))
         data.qpos[:] = state[:nq]
-        speeds = state[nq:].copy()
-        speeds[passive] = 0.0
         for _ in range(_ITERATIONS):
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            mujoco.mj_makeConstraint(model, data)
-            slopes = data.efc_J.reshape(data.nefc, model.nv)
-            wanted = -np.stack([data.efc_pos, slopes @ speeds], 1)
-            if not (np.isfinite(slopes).all() and np.isfinite(wanted).all()):
+            slopes = self._slopes(data)
+            if not (np.isfinite(slopes).all() and np.isfinite(data.efc_pos).all()):
                 return  # of a world that diverged
-            solved = np.linalg.lstsq(slopes[:, passive], wanted, rcond=_SINGULAR)[0]
-            size = np.abs(solved[:, 0]).max()
-            step[passive] = solved[:, 0] * min(1.0, _LARGEST_STEP / max(size, 1e-300))
+            moved = np.linalg.lstsq(slopes[:, passive], -data.efc_pos, rcond=_SINGULAR)[0]
+            size = np.abs(moved).max()
+            step[passive] = moved * min(1.0, _LARGEST_STEP / max(size, 1e-300))
             mujoco.mj_integratePos(model, data.qpos, step, 1.0)
             if not size > _CLOSED:
                 break
         state[:nq] = data.qpos
-        state[nq + passive] = solved[:, 1]
+        opening = slopes @ state[nq:]
+        if np.isfinite(opening).all():
+            size = np.maximum(np.linalg.norm(slopes[:, passive], axis=0), 1e-300)  # of rad and m
+            change = np.linalg.lstsq(slopes[:, passive] / size, -opening, rcond=singular)[0]
+            state[nq + passive] += change / size
+
+    def _slopes(self, data: mujoco.MjData) -> np.ndarray:
+        """(rows, nv) derivatives of how far the loops are open, which is in `data.efc_pos`."""
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_makeConstraint(self.model, data)
+        return data.efc_J.reshape(data.nefc, self.model.nv)
 
     def _with_loops_alone(self) -> mujoco.MjData:
         """Data of the model, in which nothing else constrains any joint."""

@@ -33,6 +33,11 @@ class ConsistentStates:
         self._placing = np.flatnonzero([p.field in _PLACING for p in simulator.space])
         self._writer = ModelWriter(simulator.space, self._model) if self._placing.size else None
 
+    @property
+    def placed_joints(self) -> list[int]:
+        """Unmeasured joints that closed loops place."""
+        return self._loops.placed_joints
+
     def following(self, states: np.ndarray, unit: np.ndarray, begun: np.ndarray) -> np.ndarray:
         """(E, T, nq + nv) states of episodes, each following the last one; the first, `begun`.
 

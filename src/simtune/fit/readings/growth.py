@@ -19,7 +19,7 @@ from simtune.observation import assumed_noise
 # 1 to 5 times, in episodes of robots that strike something or fall 70 to 50,000 times. Where an arm
 # strikes a flap, fits leave the noise of the readings at 5 and 10, and twice as much at 30
 MUCH = 10.0
-_MOST = 16  # segments of an episode
+_AHEAD = 2  # times the longest segment so far is played to look for the end of another one
 
 
 def growth(loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray) -> np.ndarray:
@@ -28,39 +28,64 @@ def growth(loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray) -> np.n
     In any reading; both relative to the usual noise, which is also the size of the error: the least
     one would not say whether something is struck. `unit`: (N,) in unit coordinates.
     """
+    erring = _erring(loop, stretches)
+    predicted, _ = loop.play(stretches, erring, np.repeat(unit[None], len(erring), 0))
+    return _grown(predicted, assumed_noise(loop.sensors))
+
+
+def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments:
+    """Segments of worlds with (N,) parameters in unit coordinates: whole episodes, where possible.
+
+    What cannot be followed for some steps is left out, unless that is all. If something may move
+    that no sensor measures, it has no steps: it leads to what comes after, with its errors. Later
+    segments are at most twice as long as the longest before, so that the time that this takes is in
+    proportion to an episode's.
+    """
+    readings, noise = read.readings, assumed_noise(loop.sensors)
+    last_row = readings.values.shape[1] - 1
+    next_begin, goes_on = _next_begin(readings, noise), loop.measured.goes_on
+    left, found, then = Segments.evenly(readings), list[Segments](), None
+    while len(left.episode):
+        stretches = read.cut(left)
+        erring = _erring(loop, stretches)
+        if then is not None:
+            erring = np.where(goes_on, then, erring)
+        units = np.repeat(unit[None], len(erring), 0)
+        predicted, _ = loop.play(stretches, erring, units)
+        steps = np.minimum(_steps_followed(_grown(predicted, noise)), left.steps)
+        is_rest = left.begin + steps == last_row
+        is_kept = is_rest | (steps >= FEWEST_STEPS)
+        found.append(left._replace(steps=np.where(is_kept, steps, 0)))
+        begin = left.begin + np.where(is_kept, steps, FEWEST_STEPS)
+        begin = next_begin[left.episode, np.minimum(begin, last_row)]
+        is_left = ~is_rest & (begin + FEWEST_STEPS <= last_row)
+        if goes_on.any() and is_left.any():
+            leading = left._replace(steps=begin - left.begin).of(is_left)
+            lead = read.cut(leading)
+            _, _, then = loop.play_apart(lead, erring[:, is_left], units, leading.steps)
+        longest = _AHEAD * max(FEWEST_STEPS, int(max(part.steps.max() for part in found)))
+        rest = np.minimum(last_row - begin, longest)
+        left = Segments(left.episode, begin, rest).of(is_left)
+    followed = Segments.joined(found)
+    if not goes_on.any():
+        followed = followed.of(followed.steps > 0)
+    return followed if followed.steps.any() else Segments.evenly(readings)
+
+
+def _erring(loop: OpenLoopReplay, stretches: Stretches) -> np.ndarray:
+    """(G, W, nq + nv) initial states: as read, and with an error of each first position."""
     noise, measured = assumed_noise(loop.sensors), loop.measured
     start_std = measured.start_std(noise, stretches.values)
     num = len(start_std) // 2  # velocities follow
     errors = np.vstack([np.zeros(num), np.eye(num), -np.eye(num)])
     tangents = (errors * start_std[:num]) @ measured.start_tangents[:num]
     spread = np.repeat(tangents[:, None], len(stretches.states), 1)
-    units = np.repeat(unit[None], len(errors), 0)
-    predicted, _ = loop.play(stretches, loop.physics.space.move(stretches.states, spread), units)
+    return loop.physics.space.move(stretches.states, spread)
+
+
+def _grown(predicted: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(W, K + 1) errors of (G, W, K + 1, D) predictions, of which the first is without an error."""
     return np.abs((predicted[1:] - predicted[0]) / noise).max((0, 3), initial=0.0)
-
-
-def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments:
-    """Segments of worlds with (N,) parameters in unit coordinates: whole episodes, where possible.
-
-    What cannot be followed for some steps is left out, unless that is all.
-    """
-    readings = read.readings
-    last_row = readings.values.shape[1] - 1
-    next_begin = _next_begin(readings, assumed_noise(loop.sensors))
-    left, found = Segments.evenly(readings), list[Segments]()
-    for _ in range(_MOST):
-        steps = _steps_followed(loop, read.cut(left), unit)
-        is_rest = steps >= left.steps
-        is_kept = is_rest | (steps >= FEWEST_STEPS)
-        found.append(left._replace(steps=np.minimum(steps, left.steps)).of(is_kept))
-        begin = left.begin + np.where(is_kept, steps, FEWEST_STEPS)
-        begin = next_begin[left.episode, np.minimum(begin, last_row)]
-        is_left = ~is_rest & (begin + FEWEST_STEPS <= last_row)
-        left = Segments(left.episode, begin, last_row - begin).of(is_left)
-        if not len(left.episode):
-            break
-    followed = Segments.joined(found)
-    return followed if len(followed.episode) else Segments.evenly(readings)
 
 
 def _next_begin(readings: Readings, noise: np.ndarray) -> np.ndarray:
@@ -79,8 +104,8 @@ def _next_begin(readings: Readings, noise: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(ahead.min(-1)), best, num_rows)
 
 
-def _steps_followed(loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray) -> np.ndarray:
+def _steps_followed(grown: np.ndarray) -> np.ndarray:
     """(W,) steps before errors of the initial state have grown much; K if they never do."""
-    has_grown = ~(growth(loop, stretches, unit) <= MUCH)
+    has_grown = ~(grown <= MUCH)
     has_grown[:, 0] = False
     return np.where(has_grown.any(1), has_grown.argmax(1) - 1, has_grown.shape[1] - 1)

@@ -134,8 +134,8 @@ def left_open(loop: OpenLoopReplay, keypoints: Keypoints, parameters: np.ndarray
     if _by_parameters(physics, states, unit, loop.fitted).max(initial=0) > _STILL_PX:
         return all_of_them
     model = simulator.model
-    loose = model.dof_bodyid[loop.measured.is_loose]
-    of_loose = np.isin(model.body_rootid[model.geom_bodyid], loose)
+    loose = model.dof_treeid[loop.measured.is_loose]
+    of_loose = np.isin(model.body_treeid[model.geom_bodyid], loose)
     return of_loose[keypoints.geoms]
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 
 from simtune.fit.physics import Physics
@@ -15,6 +16,7 @@ from simtune.fit.readings.stretches import (
 from simtune.observation import JointSensor, measured_places
 from simtune.parameters.backlash import play_of
 from simtune.simulation.loose_objects import gliding_joints, loose_joints, passive_joints
+from simtune.simulation.ties import dofs_of_ties
 
 _VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
 
@@ -38,6 +40,8 @@ class MeasuredStates:
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.start_tangents = tangents
+        # (nq + nv,) bool: what no sensor measures, not even through a tie
+        self.goes_on = _goes_on(model, set(self._dofs.tolist()))
         self.consistent = ConsistentStates(physics.simulator, self._places, self._dofs)
         # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
         self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
@@ -57,6 +61,7 @@ class MeasuredStates:
         model = self.physics.simulator.model
         measured = model.dof_jntid[self._dofs].tolist()
         known = [*measured, *(play_of(model, joint) for joint in measured), *self.gliding]
+        known += self.consistent.placed_joints
         return bool(self.is_loose.any() and np.isin(passive_joints(model), known).all())
 
     def as_read(self, values: np.ndarray, offsets: np.ndarray, unit: np.ndarray) -> np.ndarray:
@@ -138,3 +143,15 @@ class MeasuredStates:
         """(J,) indices, in a state, of the velocities of the positions that a sensor reads."""
         dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
         return self.physics.space.nq + dofs
+
+
+def _goes_on(model: mujoco.MjModel, told: set[int]) -> np.ndarray:
+    """(nq + nv,) bool: positions and velocities of joints that nothing ties to the velocities told.
+
+    What robots push goes on as it was pushed, while readings begin anew what they tell.
+    """
+    ties = list(dofs_of_ties(model).values())
+    for _ in ties:  # a chain may be written in any order
+        told = told.union(*(tie for tie in ties if tie & told))
+    joints = np.repeat(np.arange(model.njnt), np.diff([*model.jnt_qposadr, model.nq]))
+    return ~np.isin([*joints, *model.dof_jntid], model.dof_jntid[list(told)])

@@ -47,9 +47,8 @@ def normal_equations(
     and `eliminate` leaves what is shared.
     """
     num = len(residuals)
-    r = (residuals / noise).reshape(num, -1)
-    known, r = np.isfinite(r), np.nan_to_num(r)
-    weights = known * np.minimum(1, HUBER / np.maximum(np.abs(r), 1e-12))
+    r = np.nan_to_num(residuals / noise).reshape(num, -1)
+    weights = _weights(residuals, noise).reshape(num, -1)
     by_start, by_shared = (
         (derived / noise).reshape(num, derived.shape[1], r.shape[1])
         for derived in (by_start, by_shared)
@@ -60,6 +59,27 @@ def normal_equations(
     gradient = (weighted @ r[..., None])[..., 0] + shift
     direct, direct_gradient = shared @ by_shared.swapaxes(1, 2), (shared @ r[..., None])[..., 0]
     return eliminate(hessian, cross, gradient, direct, direct_gradient)
+
+
+def explained_by_starts(
+    by_start: np.ndarray, residuals: np.ndarray, noise: np.ndarray
+) -> np.ndarray:
+    """(D,) degrees of freedom of each reading that initial states take: tr(H⁻¹ A_x V A_xᵀ).
+
+    Up to one for each unknown of a stretch, less what its prior tells. `noise`: (D,) with which
+    each residual counts fully. Else see `normal_equations`.
+    """
+    derived = by_start / noise  # (W, S, K + 1, D)
+    weighted = derived * _weights(residuals, noise)[:, None]
+    by_reading = np.einsum("wskd,wtkd->wdst", weighted, derived)
+    hessian = by_reading.sum(1, keepdims=True) + np.eye(by_start.shape[1])
+    return np.linalg.solve(hessian, by_reading).trace(axis1=-2, axis2=-1).sum(0)
+
+
+def _weights(residuals: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Huber's, like the residuals; 0 where nothing was read."""
+    r = residuals / noise
+    return np.isfinite(r) * np.minimum(1, HUBER / np.maximum(np.abs(np.nan_to_num(r)), 1e-12))
 
 
 def jackknife(by_group: np.ndarray, gradients: np.ndarray, information: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from simtune.fit.readings.parts import parts_to_play
 from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Readings, Stretches
+from simtune.fit.readings.unmeasured import carried, play_in_turn
 from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
 from simtune.simulation import AnySimulator, Simulator
 from simtune.simulation.loose_objects import gliding_joints, loose_places
@@ -71,8 +72,8 @@ class OpenLoopReplay:
         gliding = gliding_joints(simulator.model, measured)
         glides = simulator.model.jnt_qposadr[gliding]
         if differs[glides].any():
-            trees = simulator.model.body_rootid[simulator.model.jnt_bodyid[gliding]]
-            simulator = simulator.without_contacts(np.isin(simulator.model.body_rootid, trees))
+            trees = simulator.model.body_treeid[simulator.model.jnt_bodyid[gliding]]
+            simulator = simulator.without_contacts(np.isin(simulator.model.body_treeid, trees))
         physics = Physics(simulator, observation.observe_beside(), full_state)
         differs[[*measured, *glides]] = False
         unseen = _unseen(simulator.model, differs)
@@ -124,6 +125,10 @@ class OpenLoopReplay:
             states = self.physics.space.move(states, Lateness.steps(unit[-1]) * by_step)
             drift = Lateness.steps_per_unit() * by_step
         left = self.physics.replay_actuators(readings.actions, states, parameters)
+        if self.measured.goes_on.any():
+            states = carried(
+                self.physics, states, readings.actions, left, parameters, self.measured.goes_on
+            )
         return ReadStates(readings, states, left, drift)
 
     def play(
@@ -132,15 +137,34 @@ class OpenLoopReplay:
         """(G, W, K + 1, D) predictions and (G, W, S) first full states.
 
         From (G, W, nq + nv) initial states, in worlds of (G, N) parameters in unit coordinates.
-        Predictions stay where they are long after a stretch's last reading.
+        Predictions stay where they are long after a stretch's last reading. If stretches go on,
+        what is not measured begins where the stretch before leads to.
         """
+        if stretches.goes_on and self.measured.goes_on.any():
+            return play_in_turn(self.play_apart, stretches, states, units, self.measured.goes_on)
+        return self.play_apart(stretches, states, units)[:2]
+
+    def play_apart(
+        self,
+        stretches: Stretches,
+        states: np.ndarray,
+        units: np.ndarray,
+        until: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `play` for stretches that begin on their own.
+
+        Also (G, W, nq + nv) states after `until` steps, (W,), by default none.
+        """
+        until = np.zeros(states.shape[1], int) if until is None else until
         (groups, num, size), lateness = states.shape, self.lateness
         states, units = states.reshape(-1, size), np.repeat(units, num, 0)
         states = self.measured.consistent.near(states, self._parameters(units))
         left = stretches.actuator_states
         predicted = np.empty((len(states), *stretches.values.shape[1:]))
-        first = np.empty((len(states), left.shape[-1]))
-        for part in parts_to_play(stretches.values, groups, left.itemsize * left.shape[-1]):
+        first, then = np.empty((len(states), left.shape[-1])), np.empty_like(states)
+        played = stretches.values.copy()
+        played[np.arange(num), until] = 0.0  # at least so far
+        for part in parts_to_play(played, groups, left.itemsize * left.shape[-1]):
             worlds, its = part.worlds, part.worlds % num
             full_states, seen = self.physics.play(
                 states[worlds],
@@ -152,9 +176,10 @@ class OpenLoopReplay:
             if lateness is not None:
                 seen = lateness.seen(seen, units[worlds, -1])
             first[worlds], predicted[worlds, : part.steps + 1] = full_states[:, 0], seen
+            then[worlds] = self.physics.states(full_states[np.arange(len(its)), until[its]])
             predicted[worlds, part.steps + 1 :] = seen[:, -1:]
         by_group = predicted.reshape(groups, num, *predicted.shape[1:])
-        return by_group, first.reshape(groups, num, -1)
+        return by_group, first.reshape(groups, num, -1), then.reshape(groups, num, -1)
 
     def _parameters(self, units: np.ndarray) -> np.ndarray:
         """(..., N) parameters from coordinates that may end with a lateness."""

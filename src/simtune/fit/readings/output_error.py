@@ -27,7 +27,7 @@ from simtune.fit.elimination import NormalEquations
 from simtune.fit.lateness import Lateness
 from simtune.fit.readings.differences import differentiate, refresh
 from simtune.fit.readings.growth import follow
-from simtune.fit.readings.normal_equations import jackknife, jackknife_std
+from simtune.fit.readings.normal_equations import explained_by_starts, jackknife, jackknife_std
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.replay_objective import Guess, Point, ReplayObjective
 from simtune.fit.readings.residuals import correlation_times, spread
@@ -49,7 +49,7 @@ class ReplayStage(NamedTuple):
     iterations: int
     steps: int | None = None  # of a stretch; by default the whole episode
     at_most: int | None = None  # limit on the number of stretches
-    segments: Segments | None = None  # in place of these
+    segments: Segments | None = None  # if given, `steps` and `at_most` are ignored
 
     def segments_of(self, readings: Readings) -> Segments:
         return self.segments or Segments.evenly(readings, self.steps, self.at_most)
@@ -68,6 +68,11 @@ class Descent:
     def unit(self) -> np.ndarray:
         """(N,) parameters in unit coordinates; those not fitted are unchanged."""
         return self.point.unit
+
+    @property
+    def begun(self) -> np.ndarray:
+        """(N,) where it began."""
+        return self.objective.cut_at.unit
 
     @property
     def guess(self) -> Guess:
@@ -89,7 +94,7 @@ class OutputErrorFit:
     covariance: np.ndarray  # (P, P) in unit coordinates
     offsets: np.ndarray  # (D,) measured − simulated
     noise: np.ndarray  # (D,) root mean square of the residuals
-    start: np.ndarray  # (S,) full state at the start of the first stretch
+    start: np.ndarray | None  # (S,) full state where the first episode begins, if it was replayed
     late_steps: tuple[float, float]  # lateness of readings, and its standard deviation
     # (P, D) shares of readings in what each parameter changes, at usual noise; rows sum to 1
     shares: np.ndarray
@@ -117,11 +122,14 @@ class OutputErrorMethod:
         """
         loop = self._loop
         segments = stage.segments_of(readings)
-        stretches = loop.states_of(readings, begin.unit, begin.offsets).cut(segments)
+        stretches = loop.states_of(readings, begin.unit, begin.offsets).cut(
+            segments, goes_on=stage.segments is not None
+        )
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         derived_s = self.num_worlds * (time.monotonic() - began_s)
-        noise = spread(played[0] + begin.offsets - stretches.values)
+        left = played[0] + begin.offsets - stretches.values
+        noise = spread(left, assumed_noise(loop.sensors))
         if near:
             start_std = near.objective.start_std
         else:
@@ -188,10 +196,12 @@ class OutputErrorMethod:
         """Estimate with its covariance, each residual counting as 1/τ of a measurement."""
         objective, point, num = ended.objective, ended.point, len(self._loop.fitted)
         residuals = objective.residuals(point, slopes.predicted)
-        noise, times = spread(residuals), correlation_times(residuals)
+        noise, times = objective.noise(residuals), correlation_times(residuals)
         count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
-        # Degrees of freedom of each column: its own offset and its share of the parameters
+        # Degrees of freedom of each column: its own offset, its share of the parameters, and what
+        # initial states explain of it
         spent = self._finds_offset + num / len(noise)
+        spent += explained_by_starts(slopes.by_start, residuals, noise * np.sqrt(times))
         unsure = np.sqrt(times * count / np.maximum(count - spent, count / 4))
         equations = objective.equations(point, slopes, noise * unsure)
         information, _ = objective.with_prior(equations, point)
@@ -210,7 +220,7 @@ class OutputErrorMethod:
             covariance=covariance[:own, :own],
             offsets=point.offsets,
             noise=noise,
-            start=objective.play(point)[1][0],
+            start=objective.play(point)[1][0] if objective.begins_at_first else None,
             late_steps=Lateness.found(point.unit[size:], covariance[own:, own:]),
             shares=shown / np.maximum(shown.sum(1, keepdims=True), 1e-300),
         )
@@ -250,5 +260,5 @@ def _stepped(start: Descent, damping: float) -> tuple[Descent, float, bool]:
         damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
         if gain > 0:
             is_over = gain < _ENOUGH * before
-            return replace(start, point=point, noise=spread(residuals)), damping, is_over
+            return replace(start, point=point, noise=objective.noise(residuals)), damping, is_over
     return start, damping, True

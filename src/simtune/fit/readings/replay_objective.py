@@ -12,9 +12,10 @@ from simtune.fit.elimination import NormalEquations
 from simtune.fit.readings.differences import DifferencePoint
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.residuals import HUBER
+from simtune.fit.readings.residuals import HUBER, spread
 from simtune.fit.readings.slopes import StretchSlopes
 from simtune.fit.readings.stretches import Stretches
+from simtune.observation import assumed_noise
 
 PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
 _OFFSET_STD = 1.0  # rad or m, of offsets: as good as unknown
@@ -57,6 +58,12 @@ class ReplayObjective:
         no_shift = np.zeros((len(self.stretches.states), len(self.start_std)))
         return Point(guess.unit, guess.offsets, self.stretches.states, no_shift)
 
+    @property
+    def begins_at_first(self) -> bool:
+        """Whether the first stretch begins where the first episode does."""
+        begin = self.stretches.begin
+        return begin is not None and begin[0] == self.stretches.episode[0] == 0
+
     def difference_point(self, point: Point) -> DifferencePoint:
         return DifferencePoint(self.stretches, point.states, point.unit, self.start_std)
 
@@ -70,6 +77,10 @@ class ReplayObjective:
     def residuals(self, point: Point, predicted: np.ndarray) -> np.ndarray:
         """(W, K + 1, D), NaN where nothing was read."""
         return predicted + point.offsets - self.stretches.values
+
+    def noise(self, residuals: np.ndarray) -> np.ndarray:
+        """(D,) root mean square of (W, K + 1, D) residuals; the usual noise if nothing is read."""
+        return spread(residuals, assumed_noise(self.loop.sensors))
 
     def cost(self, point: Point, residuals: np.ndarray, noise: np.ndarray) -> float:
         size = np.abs(np.nan_to_num(residuals / noise))

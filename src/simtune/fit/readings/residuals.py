@@ -7,16 +7,19 @@ _CLIPPED = 3  # iterations of clipping: outliers inflate the first estimates
 _SMALLEST = 1e-6
 
 
-def spread(residuals: np.ndarray) -> np.ndarray:
+def spread(residuals: np.ndarray, unread: np.ndarray) -> np.ndarray:
     """(D,) root mean square of (W, K, D), with outliers, such as lost packets, clipped.
 
     Not a median, so that a simulator that is sometimes wrong in different ways still counts.
+    `unread`: (D,) where there are none, NaN, such as in segments that leave a sensor out.
     """
     size = np.abs(residuals.reshape(-1, residuals.shape[-1]))
-    rms = np.sqrt(np.nanmean(np.square(size), 0))
+    known = np.isfinite(size)
+    size, num = np.where(known, size, 0.0), known.sum(0)
+    rms = np.sqrt(np.square(size).sum(0) / np.maximum(num, 1))
     for _ in range(_CLIPPED):
-        rms = np.sqrt(np.nanmean(np.square(np.minimum(size, HUBER * rms)), 0))
-    return rms + _SMALLEST
+        rms = np.sqrt(np.square(np.minimum(size, HUBER * rms)).sum(0) / np.maximum(num, 1))
+    return np.where(num, rms + _SMALLEST, unread)
 
 
 def correlation_times(residuals: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ class Segments(NamedTuple):
 
     episode: np.ndarray  # (W,)
     begin: np.ndarray  # (W,) row of the first reading
-    steps: np.ndarray  # (W,)
+    steps: np.ndarray  # (W,) 0: not compared with readings
 
     @classmethod
     def evenly(
@@ -36,6 +36,10 @@ class Segments(NamedTuple):
         both = cls(*(np.concatenate(parts) for parts in zip(*some, strict=True)))
         return both.of(np.lexsort((both.begin, both.episode)))
 
+    def until_next(self) -> np.ndarray:
+        """(W,) steps until the next one of the same episode, in order of time; 0: there is none."""
+        return steps_until_next(self.episode, self.begin)
+
     def are(self, others: "Segments") -> bool:
         """Whether these are the same."""
         return all(map(np.array_equal, self, others))
@@ -43,6 +47,12 @@ class Segments(NamedTuple):
     def of(self, chosen: np.ndarray) -> "Segments":
         """Those that (W,) bool or indices choose."""
         return Segments(*(part[chosen] for part in self))
+
+
+def steps_until_next(episode: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """See `Segments.until_next`."""
+    is_next = np.append(episode[1:] == episode[:-1], False)
+    return np.where(is_next, np.roll(begin, -1) - begin, 0)
 
 
 def may_begin(readings: Readings) -> np.ndarray:

@@ -100,7 +100,7 @@ class ReplayedReadings:
         no_offsets = np.zeros(few.values.shape[-1])
         read = self._loop.states_of(few, self._unit, no_offsets)
         self._stretches = read.cut(Segments.evenly(few))
-        self._followed = read.cut(follow(self._loop, read, self._unit))
+        self._followed = read.cut(follow(self._loop, read, self._unit), goes_on=True)
 
     def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
         """For (N, N) parameters, one changed in each row; noise (D,) of independent readings.

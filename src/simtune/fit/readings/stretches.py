@@ -50,6 +50,9 @@ class Stretches(NamedTuple):
     episode: np.ndarray  # (W,)
     # (W, 2 nv) derivative of `states` by a lateness's unit coordinate; None: there is no lateness
     drift: np.ndarray | None = None
+    begin: np.ndarray | None = None  # (W,) rows of their episodes
+    # Whether what no sensor measures goes on from the stretch before, in order of time
+    goes_on: bool = False
 
     def of(self, chosen: np.ndarray) -> "Stretches":
         """Those that (W,) bool chooses."""
@@ -60,7 +63,15 @@ class Stretches(NamedTuple):
             actuator_states=self.actuator_states[chosen],
             episode=self.episode[chosen],
             drift=None if self.drift is None else self.drift[chosen],
+            begin=None if self.begin is None else self.begin[chosen],
+            goes_on=self.goes_on,
         )
+
+    @property
+    def longest(self) -> int:
+        """Steps after which no reading follows, and one more, since a lateness is interpolated."""
+        known = np.isfinite(self.values).any((0, 2))
+        return min(self.actions.shape[1], 1 + int(np.flatnonzero(known).max(initial=0)))
 
     def first(self, steps: int) -> "Stretches":
         """The first `steps` steps of each."""

@@ -41,6 +41,13 @@ def episode_pictures(
         yield float(start_s + row / fps), picture
 
 
+def first_picture(where: Episode, key: str) -> bytes:
+    """The content of an episode's first one. Raises InputError."""
+    path = where.data_file
+    episodes = numbers(read_table(path, ["episode_index"]), "episode_index", path)
+    return next(stored_pictures(path, key, [int(np.argmax(episodes == where.index))]))
+
+
 def stored_pictures(path: Path, key: str, rows: Sequence[int]) -> Iterator[bytes]:
     """The files' contents in these rows of a table, which rise; a row may come more than once.
 

@@ -12,7 +12,7 @@ from simtune.columns import counted
 from simtune.errors import InputError
 from simtune.recordings import video
 from simtune.recordings.lerobot.episodes import Episode
-from simtune.recordings.lerobot.images import episode_pictures, stored_pictures
+from simtune.recordings.lerobot.images import episode_pictures, first_picture
 from simtune.recordings.lerobot.meta import read_meta
 from simtune.recordings.lerobot.parquet import lists, numbers, read_table
 from simtune.recordings.lerobot.unfilmed import NEAR, num_unfilmed, shown_s
@@ -39,12 +39,11 @@ class LeRobotSource:
         self._data = functools.lru_cache(maxsize=1)(_read_data)
         self._shown_s = functools.lru_cache(maxsize=1)(shown_s)
 
-    @property
-    def codec(self) -> str:
-        first = self._episodes[0]
-        if first.video_file:
-            return video.probe(first.video_file).codec
-        return kind_of(next(stored_pictures(first.data_file, self._key, [0])))
+    def codec(self, episode: int) -> str:
+        where = self._episodes[episode]
+        if where.video_file:
+            return video.probe(where.video_file).codec
+        return kind_of(first_picture(where, self._key))
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         where = self._episodes[episode]
