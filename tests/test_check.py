@@ -236,6 +236,34 @@ def test_a_reason_why_nothing_shows_is_given_only_where_nothing_does():
     assert notes == {"felt": "", "unfelt": "touches nothing"}
 
 
+@pytest.mark.parametrize(
+    ("told", "at_best", "verdict"),
+    [
+        (0.02, 0.002, "shows clearly"),
+        (0.5, 0.002, "shows weakly"),  # a model without errors would tell it
+        (0.5, 0.45, "does not show"),
+    ],
+)
+def test_what_shows_by_readings_depends_on_what_a_fit_leaves(told, at_best, verdict):
+    space = ParameterSpace([dynamics("kp", "actuator_gainprm", ("a",), nominal=1.0, unit="1")])
+    one = np.ones(1)
+    sensitivity = seen_alike(
+        space,
+        one,
+        changed=1.2 * one,
+        motion_std=told * one,
+        motion_std_at_best=at_best * one,
+        picture_std=np.inf * one,
+        first_width=2.2 * one,
+        correlation=np.zeros((1, 1)),
+    )
+    said = conclude(space, sensitivity)["parameters"]["kp"]
+    assert said["verdict"] == verdict
+    assert said["std_percent"] == pytest.approx(100 * told)
+    assert said["std_percent_at_best"] == pytest.approx(100 * at_best)
+    assert said["interval_share_at_best"] == pytest.approx(2 * 1.645 * at_best / 2.2)
+
+
 def test_mass_of_a_slider_shows_where_its_gain_is_known(sliding):
     covariance = motion_covariance(
         sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0])

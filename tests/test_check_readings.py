@@ -18,16 +18,17 @@ from servo_arm import write_arm
 
 from simtune import cli
 from simtune.checking import check, table
+from simtune.checking.reading_errors import of_recorded, of_simulated
 from simtune.checking.readings import look_at_servos, read_episodes, reading_changes
 from simtune.checking.servos.commands import commands_of, servos_of
 from simtune.checking.servos.joint_ranges import beyond_ranges
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.settings import Settings
-from simtune.fit import OpenLoopReplay
+from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one
-from simtune.observation import JointSensor
+from simtune.observation import JointSensor, joints_of
 from simtune.real.observed import observed, open_recordings
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
@@ -233,8 +234,25 @@ def test_servos_of_recordings(blind, recorded):
     curve = read.curves["elbow"]
     left = curve.measured[: len(curve.predicted)] - curve.predicted
     assert np.sqrt(np.mean(left**2)) < 2 * servo.filtered_rms
-    _, assumed = reading_changes(simulator, seen, np.zeros((1, 20, 2)), read, 0)
+    changes, assumed = reading_changes(simulator, seen, np.zeros((1, 20, 2)), read, 0)
     assert "0.5 s at a time" in assumed
+    assert changes.information_at_best is not None  # the elbow declares a noise of .1°
+    assert changes.information_at_best[2, 2] > 9 * changes.information[2, 2]
+
+
+def test_recorded_readings_may_leave_their_own_noise_at_best(blind):
+    seen, real = observed(blind, None, is_simulated=False), episodes(blind)
+    sensors = joints_of(seen.sensors)
+    values = Readings.of(
+        [replace(t, readings=seen.in_units(t.readings, STEP_S)) for t in real], sensors
+    )
+    errors = of_recorded(values.values, {}, seen.reading_labels, sensors, STEP_S)
+    assert errors.at_best is not None
+    elbow, slide = errors.at_best
+    assert elbow == pytest.approx(np.deg2rad(0.1)), "declared"
+    assert slide == pytest.approx(0.001, rel=0.6), "by how rough they are"
+    assert np.all(errors.noise > 10 * errors.at_best)
+    assert of_simulated(sensors).at_best is None
 
 
 @pytest.mark.parametrize(
@@ -395,6 +413,10 @@ def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, cap
     monkeypatch.setattr(sys, "argv", arguments)
     cli.main()
     lines = capsys.readouterr().out.splitlines()
+    assert any(" at best  told to  verdict" in line for line in lines)
+    assert any(
+        line.startswith("at best: the same if it left nothing of the reading") for line in lines
+    )
     head, row = next((a, b) for a, b in pairwise(lines) if "lag" in a)
     assert head.split()[:4] == ["joint", "moves", "lag", "steps"]
     assert row.startswith("elbow")
@@ -402,6 +424,9 @@ def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, cap
     monkeypatch.setattr(sys, "argv", [*arguments, "--json", "--pictures", str(drawn)])
     cli.main()
     result = json.loads(capsys.readouterr().out)
+    gain = result["parameters"]["servo_gain"]
+    assert gain["std_percent_at_best"] < gain["std_percent"]
+    assert gain["interval_share_at_best"] < gain["interval_share"]
     assert set(result["servos"]) == {"elbow"}
     assert result["recordings"]["cameras"] == []
     assert "films" not in result

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from simtune.checking.servos.commands import _without_gaps
+from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.doubts import doubts
 from simtune.checking.servos.fit import ServoResponse, delayed_by, filtered_by, fit_servo, noise_of
 from simtune.checking.servos.following import Following, Watched, follows
@@ -11,6 +12,7 @@ from simtune.checking.servos.gains import gains_to_write
 from simtune.checking.servos.look import look_at
 from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.play import find_play, through_play
+from simtune.checking.servos.roughness import roughness
 from simtune.checking.servos.table import servo_lines
 from simtune.observation import JointSensor
 
@@ -36,7 +38,7 @@ def reads(command: np.ndarray, noise: float = 0.0, seed: int = 1) -> np.ndarray:
 
 def said_of(asked: list[np.ndarray], read: list[np.ndarray], unit: str = "rad") -> list[str]:
     joint, servo = Watched("elbow", unit, asked, read, STEP_S), fit_servo(asked, read, STEP_S)
-    return doubts(joint, servo, follows(joint, servo))
+    return grouped(doubts(joint, servo, follows(joint, servo)))
 
 
 def encoder(name: str, joints: tuple[str, ...], factor: tuple[float, ...]) -> JointSensor:
@@ -75,6 +77,18 @@ def test_noise_by_second_differences():
     # 1.4826 · median |0, 3, −6, 3| / √6
     assert noise_of([np.array([0, 0, 0, 3.0, 0, 0])]) == pytest.approx(1.4826 * 3 / np.sqrt(6))
     assert np.isnan(noise_of([np.full(4, np.nan)]))
+
+
+def test_how_rough_readings_are_tells_their_noise_while_a_joint_moves():
+    rng = np.random.default_rng(0)
+    quick = [np.sin(0.4 * np.arange(400) + phase) for phase in (0, 1, 2)]
+    read = [values + 1e-3 * rng.normal(size=400) for values in quick]
+    assert noise_of(read) > 0.03
+    assert roughness(read) == pytest.approx(1e-3, rel=0.3)
+    resting = [np.where(np.arange(400) < 300, 0.0, 2e-3 * (np.arange(400) % 3))]
+    assert roughness(resting) == pytest.approx(2e-3 / np.sqrt(12)), "no finer than its steps"
+    assert np.isnan(roughness([np.full(9, 0.5)]))
+    assert np.isnan(roughness([np.full(9, np.nan)]))
 
 
 @pytest.mark.parametrize("lag", [0.0, 1.0, 3.4, 11.7])
@@ -237,11 +251,24 @@ def test_columns_that_are_exchanged_are_told_by_whose_command_is_followed(factor
     ]
     seen = [look_at(joint, 0.001, joints) for joint in joints]
     for its, (name, other) in zip(seen, [("elbow", "wrist"), ("wrist", "elbow")], strict=False):
-        (said,) = its.warnings
+        (said,) = grouped(its.doubts)
         assert said.startswith(f"{name} follows {other}'s command, its own with a correlation of ")
         assert said.endswith(": are columns exchanged?")
         assert its.misread_by is None  # nothing is known of its own column
-    assert not any("exchanged" in said for said in seen[2].warnings)
+    assert not any("exchanged" in said for said in grouped(seen[2].doubts))
+    said, *_ = grouped(doubt for its in seen for doubt in its.doubts)  # a reversed thumb's last
+    assert said.endswith(": are columns exchanged? (likewise wrist elbow's)")
+
+
+def test_joints_with_the_same_doubt_share_a_sentence():
+    asked = commands()
+    read = {"hip": [57.3 * reads(c) for c in asked], "knee": [0.2 + 0 * reads(c) for c in asked]}
+    read |= {name: [factor * reads(c) for c in asked] for name, factor in (("a", 57), ("b", 58))}
+    joints = [Watched(name, "rad", asked, its, STEP_S) for name, its in read.items()]
+    first, second = grouped(d for joint in joints for d in look_at(joint, 0.001).doubts)
+    assert first.startswith("hip moves 57.3 times as far as its command: are its readings degrees?")
+    assert first.endswith("(likewise a, b)")
+    assert second.startswith("knee reads 0.2 rad all the time")
 
 
 @pytest.mark.parametrize(

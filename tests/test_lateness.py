@@ -15,7 +15,7 @@ from test_fit import (  # noqa: F401
 )
 
 from simtune.fit import Lateness, Physics, ShootingConfig, states_in_late_pictures
-from simtune.fit.fit_warnings import lateness_warning
+from simtune.fit.fit_warnings import delay_warnings, lateness_warning
 from simtune.fit.motion.shooting import Shooting
 from simtune.simulation import Rollouts
 
@@ -107,3 +107,16 @@ def test_parameters_of_a_late_film_are_found_and_how_late_it_is(simulator, playe
 def test_how_sure_a_lateness_is_has_no_power_of_ten(std_s: float, said: str):
     (warning,) = lateness_warning("readings", 0.09, std_s)
     assert f"seem to come 90 ms later than the recordings say (± {said} ms);" in warning
+
+
+def test_a_delay_of_which_actions_and_readings_have_a_part_is_told_as_a_sum():
+    action, reading = delay_warnings("readings", 1, -0.003, 0.0003, step_s=0.02)
+    assert action.startswith("The actions seem to take effect 1 step later than")
+    assert "seem to come 3 ms sooner" in reading
+    assert reading.endswith(
+        "readings show what an action does 17 ms later than the recordings say."
+    )
+    for late, late_s in ((0, 0.003), (1, 0.0), (0, 0.0)):
+        said = delay_warnings("readings", late, late_s, 0.0003, step_s=0.02)
+        assert len(said) == (late > 0) + (late_s > 0)
+        assert not any("Together" in its for its in said)

@@ -488,6 +488,32 @@ def test_pairs_are_told_by_what_is_there(tmp_path, video):
     assert dataset.facts(1)["kind"] == ("folder of mp4 and csv" if video else "folder of csv")
 
 
+def shift_times(path: Path, by_s: float) -> None:
+    rows = list(csv.reader(path.open()))
+    shifted = [[f"{float(time_s) + by_s:.6f}", *others] for time_s, *others in rows[1:]]
+    path.write_text("\n".join(map(",".join, [rows[0], *shifted])))
+
+
+@pytest.mark.parametrize(("video", "by_s"), [(False, -0.0004), (False, -7.0), (True, -0.4 / FPS)])
+def test_rows_may_begin_before_zero(tmp_path, video, by_s):
+    """As clocks round; a table's zero may be anywhere if there is no video."""
+    write_pairs(tmp_path / "pairs", video=video)
+    options: dict[str, Any] = {} if video else {"cameras": ()}
+    expected = open_dataset(tmp_path / "pairs", **options).read(0)
+    shift_times(tmp_path / "pairs" / "swing.csv", by_s)
+    found = open_dataset(tmp_path / "pairs", **options).read(0)
+    np.testing.assert_array_equal(found.actions, expected.actions[: len(found)])
+    assert len(expected) - len(found) <= video  # the last is not over at the last frame
+
+
+def test_rows_may_not_begin_before_the_first_frame(tmp_path):
+    write_pairs(tmp_path / "pairs")
+    shift_times(tmp_path / "pairs" / "swing.csv", -0.6 / FPS)
+    assert "line 2 of HERE/swing.csv: expected rising seconds since the video's first frame" in (
+        message(tmp_path / "pairs")
+    )
+
+
 def test_a_table_without_times_needs_its_video_s(tmp_path):
     write_pairs(tmp_path / "pairs", times=False)
     sensors = {"joints": ("lift", "pan")}

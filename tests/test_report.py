@@ -434,6 +434,11 @@ def test_report_shows_what_check_said_beside_what_came_out(run_path):
     said = page_of_check(run_path, 20, verdict="does not show")
     assert "ball_mass ±2.00 % ±20.0 % 10.0 other motions: these hardly show it" in said
     assert "Why some are much wider: There was time for only 3 known worlds" in said
+    both = {"std_percent_at_best": 0.2 / 1.645}
+    for half, came in ((20, "±20.0 % 10.0"), (1, "±1.00 % 1.0"), (0.1, "±0.100 % 0.5")):
+        said = page_of_check(run_path, half, **both)
+        assert f"ball_mass ±0.200 % to ±2.00 % {came} " in said
+        assert "The first number is at best" in said
     said = page_of_check(run_path, 20, note="together with cup_r: see below")
     assert "motions that tell it from cup_r" in said
     _edit(run_path / "result.json", lambda r: r.update(stopped=TIME_IS_OVER))

@@ -18,7 +18,7 @@ from simtune.budget import Budget
 from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
-from simtune.evaluation.replay import _late, better_in, far_off
+from simtune.evaluation.replay import _late, better_in, far_episodes, far_off
 from simtune.evaluation.table import table
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import (
@@ -390,6 +390,21 @@ def test_far_more_left_than_of_what_was_tuned_to_is_said():
     assert "(x: 0.138 m instead of 0.0003)" in said[-1]
 
 
+def test_episodes_that_are_far_off_are_told_with_what_touches_in_them():
+    off = np.zeros((2, 3, 2))
+    off[1, :, 0], off[1, 2] = 0.05, np.nan  # a padded row
+    left = Replayed(("x", "y"), ("m", "m"), np.zeros(2), 0.1, np.zeros((2, 3, 2)), off, off)
+    its = {"unit": "m", "rms_before": 0.1, "rms": 0.04, "rms_tuned_to": 0.0003, "better_in": 0}
+    sensors, noise = {"x": its, "y": its}, {"x": 0.002, "y": 0.002}
+    assert far_episodes(left, ["x"], sensors, noise) == [1]
+    assert far_episodes(left, [], sensors, noise) == []
+    touching = "hand touches table in 1 of 1 episode: is it so on the robot?"
+    result = {"sensors": sensors, "episodes": 2, "far_off": ["x"], "far_episodes": ["swing6"]}
+    said = table(result | {"touching": touching})[-1]
+    assert said.startswith("warning: far more is left in swing6 than of the recordings")
+    assert f"In their replays {touching} If it is so, are these of the same robot" in said
+
+
 def test_a_run_of_a_task_without_sensors_cannot_be_replayed(tmp_path: Path):
     tuning_file = write_arm(tmp_path, TUNE[: TUNE.index("[[sensors]]")] + SHOULDER)
     filmed = (
@@ -556,16 +571,40 @@ def fit_of(
     observation: ObservationModel | None = None,
     noise: float = 0.001,
     unseen: tuple[str, ...] = (),
+    unit: float = 0.5,
+    is_sure: bool = True,
+    by_timestep: float = 0.0,
 ) -> ReadingsFit:
-    """From a fit in the middle of all ranges."""
+    """From a fit in the middle of all ranges, or at another `unit` coordinate of all."""
     observation = observation or as_recorded(experiment)
-    facts = {"covariance": covariance, "unit": np.full(len(apart), 0.5), "late_steps": (0.0, 0.0)}
+    facts = {"covariance": covariance, "unit": np.full(len(apart), unit), "late_steps": (0.0, 0.0)}
     facts |= {"offsets": np.zeros(2), "noise": np.full(2, noise), "start": np.zeros(1)}
     facts["shares"] = np.tile(0.5, (len(apart), 2))
+    facts |= {"by_timestep": np.full(len(apart), by_timestep), "timestep_s": 0.002}
     judged = cast(OutputErrorFit, SimpleNamespace(**facts))
-    found = cast(BestDescent, SimpleNamespace(apart=apart, is_sure=True, is_whole=True, num_fits=2))
+    found = cast(
+        BestDescent, SimpleNamespace(apart=apart, is_sure=is_sure, is_whole=True, num_fits=2)
+    )
     first = Distribution.first(experiment.space, experiment.space.nominal)
     return conclude(judged, found, first, observation, 0, 0.05, unseen)
+
+
+def test_intervals_count_what_the_timestep_changes(tmp_path: Path):
+    experiment = pseudo(write_arm(tmp_path), None, tmp_path / "run")
+    fit = 0.01**2 * np.eye(len(experiment.space)), np.zeros(len(experiment.space))
+
+    def found(by_timestep: float, **facts: Any) -> tuple[np.ndarray, list[str]]:
+        estimate = fit_of(experiment, *fit, by_timestep=by_timestep, **facts).estimate
+        ends = map(experiment.space.to_unit, (estimate.low, estimate.high))
+        return np.diff([*ends], axis=0)[0] / 2, estimate.warnings
+
+    (narrow, nothing), (wide, (told,)) = found(0.0), found(-0.05)
+    rest = (0.01**2 + 0.005**2) ** 0.5  # of the fit, and of any model
+    np.testing.assert_allclose(narrow, 1.645 * rest, rtol=0.02)
+    np.testing.assert_allclose(wide, 1.645 * np.hypot(rest, 0.05), rtol=0.02)
+    assert nothing == found(-0.01)[1] == []
+    assert "timestep of 2 ms" in told
+    assert not any("timestep" in warning for warning in found(-0.05, unseen=("torso",))[1])
 
 
 def test_what_readings_show_that_no_setting_explains_is_not_called_identified(tmp_path: Path):
@@ -626,6 +665,31 @@ def test_readings_of_a_robot_that_begins_unseen_identify_nothing(truth: Path, tm
     assert unseen.estimate.verdict == ["weak"] * num
     (warning,) = unseen.estimate.warnings
     assert warning.startswith("Where torso begins no sensor measures")
+
+
+def test_where_a_robot_begins_unseen_no_more_minutes_or_bounds_are_advised(
+    truth: Path, tmp_path: Path
+):
+    experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
+    fit = 1e-4 * np.eye(num), np.zeros(num)
+    at_bound = {"unit": 1.0, "is_sure": False}
+    seen = fit_of(experiment, *fit, **at_bound).estimate.warnings
+    assert sum("wider low and high" in warning for warning in seen) == num
+    assert any("or more minutes" in warning for warning in seen)
+    first, *others = fit_of(experiment, *fit, unseen=("torso",), **at_bound).estimate.warnings
+    assert first.startswith("Where torso begins no sensor measures")
+    assert "by a keyframe" in first
+    (bounds,) = others
+    assert "elbow_friction ended at a bound" in bounds
+    assert "wider bounds would not help" in bounds
+
+
+def test_where_nearly_nothing_is_explained_no_wider_bounds_are_advised(truth: Path, tmp_path: Path):
+    experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
+    fit = 1e-4 * np.eye(num), np.zeros(num)
+    off, bounds = fit_of(experiment, *fit, noise=0.02, unit=1.0).estimate.warnings
+    assert "off by over four times the noise that the tuning file declares" in off
+    assert "wider bounds would not help" in bounds
 
 
 def test_of_two_that_act_as_one_neither_is_known(truth: Path, tmp_path: Path):

@@ -915,6 +915,14 @@ def test_actions_in_other_units_are_warned_of(load):
     assert "actions of elbow go from -5000 to 5000, beyond the model's range of -100 to 100" in said
 
 
+def test_actions_in_other_units_share_a_line(load):
+    task = load(HEAD + "[actions]\nactuators = ['shoulder', 'elbow']\n" + MASS)
+    actions = 5000 * np.linspace(-1, 1, 40, dtype=np.float32)[:, None].repeat(2, 1)
+    (said,) = warnings(task, {"control_hz": 1 / task.step_s, "cameras": []}, [actions], 1)
+    assert said.startswith("actions of shoulder go from -5000 to 5000, beyond the model's range")
+    assert said.endswith("are they in other units? (likewise elbow)")
+
+
 def test_actions_in_another_order_are_noticed_whatever_recorders_add_to_names(load):
     task = load(HEAD + "[actions]\nactuators = ['shoulder', 'elbow']\n" + MASS)
     names = task.load_actions().names

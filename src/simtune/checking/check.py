@@ -14,6 +14,7 @@ from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import reading_changes
 from simtune.checking.recorded import Given, of_recordings
 from simtune.checking.recording_warnings import too_short
+from simtune.checking.replays import RecordedReplays
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.readings.sensitivity import ReadingChanges
@@ -68,14 +69,19 @@ def _replayed(
 ) -> ReadingChanges:
     """What each parameter changes in replayed readings; adds to the `facts`."""
     report("replaying readings", 0.5)
+    names = [f"episode {number}" for number in range(len(given.actions))]
+    replays = None
+    if given.read:
+        names = facts["recordings"]["names"][: len(given.actions)]
+        replays = RecordedReplays(given.simulator, seen, given.read.trajectories, names)
+        facts["warnings"] += [] if given.is_far else replays.start_warnings()
     try:
         readings, assumed = reading_changes(given.simulator, seen, given.actions, given.read, seed)
     except RuntimeError as error:  # what was found before may say why
         raise InputError("; ".join([*facts["warnings"], str(error)])) from error
-    numbered = [f"episode {number}" for number in range(len(given.actions))]
-    names = facts["recordings"]["names"] if "recordings" in facts else numbered
     facts["assumed"] = assumed
-    facts["warnings"] += sensitive_starts.warnings(readings.growth, names)
+    touching = replays.contacts(sensitive_starts.sensitive(readings.growth)) if replays else []
+    facts["warnings"] += sensitive_starts.warnings(readings.growth, names, touching)
     return readings
 
 

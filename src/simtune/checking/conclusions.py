@@ -24,20 +24,22 @@ def conclude(
 ) -> dict[str, Any]:
     """{"parameters": an object each, by name, "pairs": what shows only together}; JSON.
 
-    `reasons`: why parameters show nowhere, by name, if they do not.
+    Keys that end in `_at_best` are of a fit that leaves nothing of recorded readings but their
+    noise. `reasons`: why parameters show nowhere, by name, if they do not.
     """
-    # Parameters that a single picture shows need no motion; the others do, however they look.
-    picture_std = np.where(space.is_visible, sensitivity.picture_std, np.inf)
-    std = np.minimum(picture_std, sensitivity.motion_std)
-    share = 2 * STDS_90 * std / sensitivity.first_width
-    shows: list[Shows] = [_shows(s) for s in share]
+    share, at_best = _share(space, sensitivity, sensitivity.motion_std), None
+    if sensitivity.motion_std_at_best is not None:
+        at_best = _share(space, sensitivity, sensitivity.motion_std_at_best)
+    least = share if at_best is None else at_best
+    shows: list[Shows] = [_shows(*its) for its in zip(share, least, strict=True)]
     together = np.abs(np.triu(sensitivity.correlation, 1)) > _TOGETHER
-    pairs = [_pair(space, sensitivity, shows, i, j) for i, j in np.argwhere(together)]
+    pairs = [_pair(space, sensitivity, least, i, j) for i, j in np.argwhere(together)]
     reasons = _nothing(space, sensitivity, reasons or {})
     parameters = {
         name: _numbers(space, sensitivity, i)
         | {
             "interval_share": float(share[i]),
+            **({} if at_best is None else {"interval_share_at_best": float(at_best[i])}),
             "verdict": shows[i],
             "note": _note(name, reasons.get(name, "") * (shows[i] != CLEAR), pairs),
         }
@@ -46,16 +48,24 @@ def conclude(
     return {"parameters": parameters, "pairs": pairs}
 
 
-def _shows(share: float) -> Shows:
+def _share(space: ParameterSpace, sensitivity: Sensitivity, motion_std: np.ndarray) -> np.ndarray:
+    """(N,) 90 % intervals' shares of the first range, by (N,) errors of what motion tells."""
+    # Parameters that a single picture shows need no motion; the others do, however they look.
+    picture_std = np.where(space.is_visible, sensitivity.picture_std, np.inf)
+    return 2 * STDS_90 * np.minimum(picture_std, motion_std) / sensitivity.first_width
+
+
+def _shows(share: float, at_best: float) -> Shows:
     """By the 90 % interval's share of the first search range, like a search's verdict.
 
     That range is a factor of 3 up and down, or the bounds of a linear scale. "Clearly" is what
-    tuning can call identified, "weakly" what it can call weak, at best: no real fit knows more.
+    tuning can call identified even if its model leaves much, "does not show" what it cannot even
+    call weak at best: no real fit knows more.
     """
     limits = RangeUpdateConfig()
     if share <= limits.identified_share:
         return CLEAR
-    return "shows weakly" if share <= limits.weak_share else "does not show"
+    return "shows weakly" if at_best <= limits.weak_share else "does not show"
 
 
 def _nothing(
@@ -99,17 +109,24 @@ def _numbers(space: ParameterSpace, sensitivity: Sensitivity, i: int) -> dict[st
         }
     if parameter.is_appearance:
         return numbers  # pictures show brightness directly: there is no motion to predict from
-    return numbers | ({"std_percent": 100 * std} if space.is_log[i] else {"std": std})
+    key, unit = ("std_percent", 100) if space.is_log[i] else ("std", 1)
+    numbers[key] = unit * std
+    if sensitivity.motion_std_at_best is not None:
+        numbers[f"{key}_at_best"] = unit * float(sensitivity.motion_std_at_best[i])
+    return numbers
 
 
 def _pair(
-    space: ParameterSpace, sensitivity: Sensitivity, shows: list[Shows], i: int, j: int
+    space: ParameterSpace, sensitivity: Sensitivity, share: np.ndarray, i: int, j: int
 ) -> dict[str, Any]:
-    """Two parameters with correlated errors, and the combination that is known."""
+    """Two parameters with correlated errors, and the combination that is known.
+
+    `share`: (N,) of the first range, at best.
+    """
     names = [space.names[i], space.names[j]]
     correlation = float(sensitivity.correlation[i, j])
     combination = _combination(space, sensitivity, i, j)
-    both = shows[i] == shows[j] == CLEAR
+    both = max(share[i], share[j]) <= RangeUpdateConfig().identified_share
     best = "told better together than alone" if both else "told together only"
     return {
         "parameters": names,

@@ -14,7 +14,8 @@ from simtune.run.files import plain
 from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
 
-_KEPT = ("std", "std_percent", "interval_share", "verdict", "note")
+_FIGURES = ("std", "std_percent", "interval_share")
+_KEPT = (*_FIGURES, *(f"{figure}_at_best" for figure in _FIGURES), "verdict", "note")
 
 
 class ExpectedPrecision(NamedTuple):

@@ -79,14 +79,15 @@ def _outweighed(model: mujoco.MjModel, objects: str, others: list[int]) -> str:
     """Said if all contacts have the friction of other geoms, or their own."""
     if not others or model.npair:
         return "its contacts have another friction: that of a geom they are with, or of a <pair>"
-    names = ", ".join(_name(model, other) for other in others)
+    names = ", ".join(geom_name(model, other) for other in others)
     return (
         f"its contacts have the friction of {names}: MuJoCo takes the larger one, or that of "
         f'higher priority; give {objects} a priority="1"'
     )
 
 
-def _name(model: mujoco.MjModel, geom: int) -> str:
+def geom_name(model: mujoco.MjModel, geom: int) -> str:
+    """How messages call a geom."""
     if geom < 0:  # MuJoCo's index where a contact is with a flex
         return "a flex"
     return model.geom(geom).name or f"geom {geom}"

@@ -1,12 +1,14 @@
 """Joint readings in `check`: how servos follow, and what parameters change in them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.checking.reading_errors import of_recorded, of_simulated
 from simtune.checking.servos.commands import commands_of, servos_of
+from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.fit import ServoResponse
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.gains import gains_to_write
@@ -22,14 +24,6 @@ from simtune.real.recorded import read_episode
 from simtune.recordings import Dataset
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-
-_CORRELATED_S = 0.5  # correlation time of a reading's residuals: model errors, not noise
-_LEFT = 0.03  # of a reading's travel: assumed residuals of a fit if no servo gives them
-_ASSUMED_OF_RECORDINGS = (
-    f"as if what a lag and an offset leave of each reading, for {_CORRELATED_S:g} s at a "
-    "time, were left by the best fit, too"
-)
-_ASSUMED = "as if readings had no errors but their sensors' noise"
 
 
 class ReadEpisodes(NamedTuple):
@@ -72,7 +66,8 @@ def look_at_servos(
     ]
     by_name = {joint.name: its for joint, its in zip(joints, seen, strict=True) if joint and its}
     for its in by_name.values():
-        found += its.warnings
+        found += its.lost
+    found += grouped(doubt for its in by_name.values() for doubt in its.doubts)
     found += gains_to_write(sensors, [its.misread_by if its else None for its in seen])
     wider = [_wider(joint, its) for joint, its in zip(joints, seen, strict=True)]
     return ReadEpisodes(
@@ -110,7 +105,7 @@ def _watched(
 
 def _wider(joint: Watched | None, seen: SeenJoint | None) -> float:
     """Than a joint's range: readings that span so much are told of."""
-    if seen and seen.is_doubtful:
+    if seen and seen.doubts:
         return math.inf  # nothing said twice
     return WIDER if joint is None else CERTAINLY_WIDER
 
@@ -127,19 +122,10 @@ def reading_changes(
     nominal = where_analyzed(simulator.space)
     readings = Readings.of(recorded.trajectories, sensors) if recorded else None
     replayed = ReplayedReadings(simulator, observation, nominal, actions, readings, seed)
-    noise = assumed_noise(sensors)
     if recorded and readings:
-        left = _left(readings.values, recorded.servos, observation.reading_labels)
-        noise = np.maximum(noise, left) * np.sqrt(max(1.0, _CORRELATED_S / simulator.step_s))
-    changes = replayed.changes(one_by_one(simulator.space, nominal), noise)
-    return changes, _ASSUMED_OF_RECORDINGS if recorded else _ASSUMED
-
-
-def _left(
-    values: np.ndarray, servos: Mapping[str, ServoResponse], labels: Sequence[str]
-) -> np.ndarray:
-    """(D,) root mean square residuals that the best fit may leave of (E, T + 1, D) readings."""
-    flat = values.reshape(-1, values.shape[-1])
-    usual = _LEFT * np.ptp(np.nanpercentile(flat, (1, 99), axis=0), axis=0)
-    known = np.array([servos[n].filtered_rms if n in servos else np.nan for n in labels])
-    return np.where(np.isfinite(known), known, usual)
+        labels, step_s = observation.reading_labels, simulator.step_s
+        errors = of_recorded(readings.values, recorded.servos, labels, sensors, step_s)
+    else:
+        errors = of_simulated(sensors)
+    changed = one_by_one(simulator.space, nominal)
+    return replayed.changes(changed, errors.noise, errors.at_best), errors.assumed

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.checking.servos.doubt import Doubt, grouped
 from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.fit import FEWEST_STEPS
@@ -146,17 +147,19 @@ def _plain(name: str) -> str:
 
 def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
     """On (steps, A) actions that the model clips, or that tell nothing."""
-    found, still, mapping = [], [], task.load_actions()
+    far, still, mapping = [], [], task.load_actions()
     for i, (low, high) in enumerate(zip(actions.min(0), actions.max(0), strict=True)):
         name, (least, most) = mapping.names[i], mapping.range[i]
         slack = 1e-3 * (most - least)
         if mapping.is_limited[i] and (low < least - slack or high > most + slack):
-            found.append(
+            says = (
                 f"actions of {name} go from {low:.4g} to {high:.4g}, beyond the model's range of "
                 f"{least:g} to {most:g}, which cuts them off; are they in other units?"
             )
+            far.append(Doubt(says, "range", name))
         if high - low <= 1e-6 * max(1.0, abs(high)):
             still.append((name, high))
+    found = grouped(far)
     if len(still) == 1:
         name, value = still[0]
         found.append(f"actions of {name} are always {value:.4g}: they excite nothing")

@@ -4,15 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simtune.checking.replayed_contacts import Touching, in_words
 from simtune.columns import cut
 from simtune.fit.readings.growth import MUCH
 
 _MOST_NAMED = 5
 
 
-def warnings(growth: np.ndarray, names: Sequence[str]) -> list[str]:
-    """On episodes with these names; `growth`: (E,) as in `ReadingChanges`, of the first ones."""
-    much = [names[episode] for episode in np.flatnonzero(growth > MUCH).tolist()]
+def warnings(growth: np.ndarray, names: Sequence[str], found: Sequence[Touching] = ()) -> list[str]:
+    """On episodes with these names; `growth`: (E,) as in `ReadingChanges`, of the first ones.
+
+    `found`: what touches in replays of the sensitive ones.
+    """
+    much = [names[episode] for episode in sensitive(growth)]
     if not much:
         return []
     some = f"{len(much)} of {len(growth)} episodes replayed ({cut(much, _MOST_NAMED)})"
@@ -20,4 +24,10 @@ def warnings(growth: np.ndarray, names: Sequence[str]) -> list[str]:
         f"in {some} an error of a first reading grows up to {np.nanmax(growth):,.0f} times (a "
         "contact, a fall?): no replay from their beginning ends as they do. A fit to readings "
         "follows such an episode in parts, each from readings of its own."
+        + (f" In these replays {in_words(found, much)}" if found else "")
     ]
+
+
+def sensitive(growth: np.ndarray) -> list[int]:
+    """Indices of the episodes of (E,) growth in which errors grow much."""
+    return np.flatnonzero(growth > MUCH).tolist()

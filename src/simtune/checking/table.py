@@ -18,6 +18,10 @@ _READING_LEGEND = (
     "episodes, root mean square, if a parameter is as tried;",
 )
 _TOLD = "told to: standard deviation that the best fit to such {} could have"
+_AT_BEST_LEGEND = (
+    "at best: the same if it left nothing of the readings but their noise, which a model without",
+    "errors does. Between both it depends on the model, and `simtune tune` says.",
+)
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -61,7 +65,8 @@ def _legend(result: dict[str, Any]) -> list[str]:
     what = " and ".join(["videos"] * pictures + ["readings"] * readings)
     said = result.get("assumed")
     told = _TOLD.format(what)
-    return [*lines, *([f"{told},", f"{said}."] if said else [f"{told}."])]
+    lines += [f"{told},", f"{said}."] if said else [f"{told}."]
+    return lines + [*_AT_BEST_LEGEND] * _has_both(result["parameters"])
 
 
 def _shown(parameters: dict[str, dict[str, Any]]) -> tuple[bool, bool]:
@@ -70,11 +75,17 @@ def _shown(parameters: dict[str, dict[str, Any]]) -> tuple[bool, bool]:
     return "picture_levels" in some, "reading" in some
 
 
+def _has_both(parameters: dict[str, dict[str, Any]]) -> bool:
+    """Whether it depends on what a fit leaves how well parameters are told."""
+    return any("interval_share_at_best" in p for p in parameters.values())
+
+
 def _rows(parameters: dict[str, dict[str, Any]]) -> list[str]:
     """A line per parameter, in columns, numbers aligned to the right."""
     pictures, readings = _shown(parameters)
     columns = (*_PICTURE * pictures, *_READING * readings)
-    head = ("parameter", "value", "tried", *columns, "told to", "verdict")
+    told = ("at best", "told to") if _has_both(parameters) else ("told to",)
+    head = ("parameter", "value", "tried", *columns, *told, "verdict")
     rows = [head, *(_cells(name, p) for name, p in parameters.items())]
     return aligned(rows, left=(0, len(head) - 1))
 
@@ -109,6 +120,7 @@ def _cells(name: str, p: dict[str, Any]) -> tuple[str, ...]:
         f"{p['changed_to']:.4g}",
         *_picture_cells(p),
         *_reading_cells(p),
+        *((_predicted(p, unit, "_at_best"),) if "interval_share_at_best" in p else ()),
         _predicted(p, unit),
         f"{p['verdict']}; {p['note']}" if p["note"] else p["verdict"],
     )
@@ -136,9 +148,10 @@ def _reading_cells(p: dict[str, Any]) -> tuple[str, ...]:
     return (*sizes, p["reading"])
 
 
-def _predicted(p: dict[str, Any], unit: str) -> str:
+def _predicted(p: dict[str, Any], unit: str, which: str = "") -> str:
     if not (p.get("motion_largest_px") or p.get("reading_largest")):
         return "visible" if p.get("picture_share") else "–"
-    if "std" not in p and "std_percent" not in p:
+    share, std = p.get(f"std_percent{which}"), p.get(f"std{which}")
+    if share is None and std is None:
         return "visible"
-    return f"{p['std_percent']:.2g} %" if "std_percent" in p else f"{p['std']:.2g}{unit}"
+    return f"{std:.2g}{unit}" if share is None else f"{share:.2g} %"

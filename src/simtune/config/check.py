@@ -18,8 +18,9 @@ class CheckConfig(Prints, PictureOptions, CameraPoseOptions, RecordingsConfig):
     """Show, before tuning, what each parameter changes and how well recordings can determine it.
 
     Takes seconds, plus the time to read recordings. What a parameter "shows" is the best precision
-    to hope for. With recordings, writes a picture for each camera, their first frames beside the
-    simulator's, and one of how joints follow their commands.
+    to hope for; of recorded readings also what to expect if the model leaves as much of them as a
+    simple lag does. With recordings, writes a picture for each camera, their first frames beside
+    the simulator's, and one of how joints follow their commands.
     """
 
     task: Annotated[Positional[str], arg(metavar="TASK")]

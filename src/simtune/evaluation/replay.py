@@ -1,6 +1,6 @@
 """`simtune evaluate RUN --real DIR`: other recordings, replayed open loop in a tuned simulator."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -8,14 +8,19 @@ from typing import Any
 import numpy as np
 
 from simtune.before_after.readings import Replayed, Tuned, replay
+from simtune.checking.replayed_contacts import Touching, in_words, touching
 from simtune.config import TuneConfig
 from simtune.errors import InputError
-from simtune.observation import assumed_noise, finds_offset, joints_of
+from simtune.fit import Lateness, OpenLoopReplay, Readings
+from simtune.fit.readings.whole_episodes import begin_whole
+from simtune.observation import ObservationModel, assumed_noise, finds_offset, joints_of
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.report.data import RunData
 from simtune.report.read_run import finished, read_run
+from simtune.simulation import Simulator
 from simtune.tasks import Task, with_model
+from simtune.trajectory import Trajectory
 
 _SMALLEST_PX = 1  # nothing is drawn
 _FAR = 10.0  # times what a run leaves of its own recordings, or the sensor's noise
@@ -26,7 +31,8 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
 
     `better_in`: the number of episodes that are replayed better after tuning. Where the run was
     tuned to readings, "rms_tuned_to" is what it leaves of those, and "far_off" names readings of
-    which far more is left here. "no_offset" names those whose offset it does not know.
+    which far more is left here; "far_episodes" those where it is, and "touching" says what touches
+    in their replays. "no_offset" names readings whose offset it does not know.
 
     Raises InputError for a task without joint readings, or recordings that do not match it.
     """
@@ -58,10 +64,17 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     joints, labels = joints_of(real.observation.sensors), replayed.labels
     finds = zip(labels, finds_offset(joints), strict=True)
     noise = dict(zip(labels, assumed_noise(joints).tolist(), strict=True))
+    far = far_off(sensors, noise)
+    episodes = far_episodes(replayed, far, sensors, noise)
+    names = [real.facts["names"][episode] for episode in episodes]
+    their = [trajectories[episode] for episode in episodes]
+    found = _touching(simulator, real.observation, their, start, tuned) if their else []
     return {
         "sensors": sensors,
         "episodes": len(trajectories),
-        "far_off": far_off(sensors, noise),
+        "far_off": far,
+        "far_episodes": names,
+        "touching": in_words(found, names) if found else "",
         "no_offset": [name for name, is_found in finds if is_found and name not in offsets],
     }
 
@@ -76,6 +89,37 @@ def far_off(sensors: Mapping[str, Mapping[str, Any]], noise: Mapping[str, float]
         for name, its in sensors.items()
         if "rms_tuned_to" in its and its["rms"] >= _FAR * max(its["rms_tuned_to"], noise[name])
     ]
+
+
+def far_episodes(
+    replayed: Replayed,
+    far: Sequence[str],
+    sensors: Mapping[str, Mapping[str, Any]],
+    noise: Mapping[str, float],
+) -> list[int]:
+    """Those in which readings that are `far` off are so."""
+    columns = [replayed.labels.index(name) for name in far]
+    left = (replayed.after - replayed.measured)[..., columns]
+    much = [_FAR * max(sensors[name]["rms_tuned_to"], noise[name]) for name in far]
+    is_far = np.nansum(np.square(left), 1) >= np.square(much) * np.isfinite(left).sum(1)
+    return np.flatnonzero(is_far.any(-1)).tolist()
+
+
+def _touching(
+    simulator: Simulator,
+    seen: ObservationModel,
+    trajectories: list[Trajectory],
+    start: np.ndarray,
+    tuned: Tuned,
+) -> list[Touching]:
+    """What touches in replays of these episodes, as tuned; see `before_after.readings.replay`."""
+    loop = OpenLoopReplay.of(simulator, seen, start).with_lateness()
+    readings = Readings.of(trajectories, loop.sensors).delayed(tuned.latency_steps)
+    offsets = np.array([tuned.offsets.get(label, 0.0) for label in seen.reading_labels])
+    late = Lateness.unit(tuned.late_s / simulator.step_s)
+    unit = np.append(simulator.space.to_unit(tuned.mean), late)
+    whole, states = begin_whole(loop, readings, unit, offsets)
+    return touching(loop, whole, states, unit)
 
 
 def better_in(replayed: Replayed) -> dict[str, int]:

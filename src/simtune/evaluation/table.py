@@ -24,10 +24,13 @@ def table(result: dict[str, Any]) -> list[str]:
     if far := result.get("far_off"):
         worst = max(far, key=lambda name: sensors[name]["rms"] / sensors[name]["rms_tuned_to"])
         its = sensors[worst]
+        where = f" in {short(result['far_episodes'])}" if result.get("far_episodes") else ""
+        contacts = result.get("touching")
+        asks = f"In their replays {contacts} If it is so, are" if contacts else "Are"
         lines.append(
-            "warning: far more is left than of the recordings that the run was tuned to "
-            f"({worst}: {its['rms']:.3g} {its['unit']} instead of {its['rms_tuned_to']:.3g}); are "
-            "these of the same robot, with the same columns, in the same order and units?"
+            f"warning: far more is left{where} than of the recordings that the run was tuned to "
+            f"({worst}: {its['rms']:.3g} {its['unit']} instead of {its['rms_tuned_to']:.3g}). "
+            f"{asks} these of the same robot, with the same columns, in the same order and units?"
         )
     if worse := [name for name, its in sensors.items() if its["rms"] > its["rms_before"]]:
         lines.append(

@@ -8,6 +8,7 @@ import torch
 
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.recording_warnings import warnings_of
+from simtune.checking.replays import RecordedReplays
 from simtune.config import TuneConfig
 from simtune.devices import choose_device
 from simtune.errors import InputError
@@ -16,7 +17,9 @@ from simtune.experiment.problem import TuningProblem, build_problem
 from simtune.experiment.settings import Settings
 from simtune.names import SearchName
 from simtune.networks.layers import under
+from simtune.observation import joints_of
 from simtune.progress import ReportProgress, silent
+from simtune.simulation import Simulator
 from simtune.tasks import (
     AnyTask,
     load_any_task,
@@ -40,7 +43,12 @@ class Experiment(TuningProblem):
 
     def warnings(self, real: list[Trajectory]) -> list[str]:
         """Possible problems of recordings; none are known for other real episodes."""
-        return warnings_of(self.task, self.real.facts, real, self.search_name)
+        facts, simulator, seen = self.real.facts, self.simulator, self.context.observation
+        found = warnings_of(self.task, facts, real, self.search_name)
+        is_recorded = "cameras" in facts and bool(joints_of(seen.sensors))
+        if is_recorded and isinstance(simulator, Simulator):
+            found += RecordedReplays(simulator, seen, real, facts["names"]).start_warnings()
+        return found
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """What a checkpoint must hold besides `state`."""

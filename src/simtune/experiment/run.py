@@ -130,7 +130,7 @@ class Run:
         result = outcome.result(
             metadata, experiment.space, experiment.start, self.estimate, experiment.truth, command
         )
-        result["warnings"] = warnings + result["warnings"]
+        result["warnings"] = list(dict.fromkeys(warnings + result["warnings"]))  # told once
         if real and experiment.search_name:
             self._report("filming the comparison", 1.0)
             result |= write_before_after(experiment, self.folder, self.estimate, real)

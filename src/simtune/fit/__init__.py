@@ -17,8 +17,8 @@ from simtune.fit.calibration.uncertainty import (
 )
 from simtune.fit.fit_warnings import (
     bound_warnings,
-    latency_warning,
-    lateness_warning,
+    delay_warnings,
+    timestep_warning,
     too_late_warning,
 )
 from simtune.fit.lateness import Lateness, states_in_late_pictures
@@ -28,14 +28,11 @@ from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.pictures.response import Photometry
+from simtune.fit.readings.descent import Descent
 from simtune.fit.readings.joint_motion import JointMotion, left_open
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.output_error import (
-    Descent,
-    OutputErrorFit,
-    OutputErrorMethod,
-    ReplayStage,
-)
+from simtune.fit.readings.output_error import OutputErrorMethod, ReplayStage
+from simtune.fit.readings.output_error_fit import OutputErrorFit
 from simtune.fit.readings.replay_objective import Guess
 from simtune.fit.readings.segments import FEWEST_STEPS
 from simtune.fit.readings.sensitivity import MOST_EPISODES
@@ -78,19 +75,19 @@ __all__ = [
     "calibrated",
     "correlated_pairs",
     "count_fit_steps",
+    "delay_warnings",
     "elsewhere_warning",
     "fit_to_budget",
     "has_comparison",
     "held_out_misfit",
     "is_motion_unexplained",
-    "latency_warning",
-    "lateness_warning",
     "left_open",
     "model_checks",
     "ranks",
     "replay_whole",
     "run_bootstrap",
     "states_in_late_pictures",
+    "timestep_warning",
     "to_range_units",
     "too_late_warning",
 ]

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from simtune.columns import cut
 from simtune.parameters import ParameterSpace
 
 _CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # both exceeded: pictures are reported as late
@@ -10,6 +11,12 @@ _TOO_LATE = (
     "{} come {:.0f} ms {}, the most that is fitted: the rest of a delay may pass for damping, so "
     "nothing is called identified. Correct their times (latency_s in the tuning file), or declare "
     "a parameter of kind delay."
+)
+_MOST_TOLD = 6  # parameters
+_OF_TIMESTEP = (
+    "The estimates make up for the model's timestep of {} ms. With physics as fine as a robot's, "
+    "they would be: {}. Intervals allow for it. A smaller timestep tells the robot's own "
+    "values; for a simulator with this one, the estimates are the best."
 )
 
 
@@ -29,6 +36,23 @@ def bound_warnings(space: ParameterSpace, unit: np.ndarray, fitted: np.ndarray) 
     }
 
 
+def timestep_warning(
+    space: ParameterSpace, unit: np.ndarray, change: np.ndarray, timestep_s: float
+) -> list[str]:
+    """One if the timestep changes some estimates clearly.
+
+    `unit`, `change`: (N,) estimates and their changes without any timestep, in unit coordinates; 0
+    where they hardly change.
+    """
+    at, without = (space.from_unit(np.clip(u, 0, 1)) for u in (unit, unit + change))
+    told = []
+    for i in sorted(np.flatnonzero(change), key=lambda i: -abs(change[i])):
+        more, parameter = without[i] - at[i], space.parameters[i]
+        size = f"{100 * abs(more / at[i]):.2g} %" if at[i] else f"{abs(more):.2g} {parameter.unit}"
+        told.append(f"{parameter.name} {size} {'higher' if more > 0 else 'lower'}")
+    return [_OF_TIMESTEP.format(_ms(timestep_s), cut(told, _MOST_TOLD))] if told else []
+
+
 def latency_warning(latency_steps: int) -> list[str]:
     """One if actions take effect late."""
     if not latency_steps:
@@ -38,6 +62,18 @@ def latency_warning(latency_steps: int) -> list[str]:
         f"The actions seem to take effect {steps} later than the recordings say; the "
         "estimates allow for it."
     ]
+
+
+def delay_warnings(
+    what: str, latency_steps: int, late_s: float, std: float, step_s: float
+) -> list[str]:
+    """On late actions, and on late pictures or readings; their sum if both are found."""
+    found = latency_warning(latency_steps) + lateness_warning(what, late_s, std)
+    if len(found) < 2:
+        return found
+    in_all = f"{1e3 * (latency_steps * step_s + late_s):.0f} ms"
+    said = f"Together, {what} show what an action does {in_all} later than the recordings say."
+    return [*found[:-1], f"{found[-1]} {said}"]
 
 
 def lateness_warning(what: str, late_s: float, std: float) -> list[str]:

@@ -43,6 +43,14 @@ class Physics:
         physics._budget = budget
         return physics
 
+    def finer(self) -> "Physics | None":
+        """The same with half the physics timestep; None: see `Simulator.finer`."""
+        physics = copy.copy(self)
+        if (simulator := self.simulator.finer()) is None:
+            return None
+        physics.simulator = simulator
+        return physics
+
     def play(
         self,
         states: np.ndarray,

@@ -38,6 +38,8 @@ class Sensitivity:
     correlation: np.ndarray  # (N, N) of errors in estimates from motion; 0 without effect on motion
     sees_pictures: bool = True  # False without a camera
     readings: ReadingChanges | None = None  # of joints; they count as motion in `motion_std`
+    # (N,) `motion_std` if a fit left as little of readings as it may at best; None: it is the same
+    motion_std_at_best: np.ndarray | None = None
 
     @property
     def shows_nothing(self) -> np.ndarray:
@@ -69,7 +71,10 @@ def analyze(
     if simulator.views:
         seen = camera_changes(simulator, first, actions, seed, nominal, changed, report)
         information += seen.information / np.outer(scale, scale)
+    at_best = None
     if readings is not None:
+        if readings.information_at_best is not None:
+            at_best = information + readings.information_at_best / np.outer(scale, scale)
         information += readings.information / np.outer(scale, scale)
     covariance = np.linalg.inv(information)
     std = np.sqrt(np.diag(covariance))
@@ -88,6 +93,7 @@ def analyze(
         correlation=covariance / np.outer(std, std) - np.eye(len(space)),
         sees_pictures=bool(simulator.views),
         readings=readings,
+        motion_std_at_best=None if at_best is None else np.sqrt(np.diag(np.linalg.inv(at_best))),
     )
 
 

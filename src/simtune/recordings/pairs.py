@@ -144,15 +144,19 @@ class PairsSource:
     ) -> tuple[np.ndarray, float, float]:
         """Like `_times`, from the table's own column of times."""
         path, times_s = self._table(episode), column[:, 0]
-        if (row := first_wrong(~(np.diff(times_s, prepend=-1e-9) > 0))) is not None:
+        seen_s = None if self.camera is None else video.frame_times(self._video(episode))
+        frame_s = 0.0 if seen_s is None or len(seen_s) < 2 else typical_step_s(seen_s)
+        # Any zero will do where nothing is filmed; else a clock that rounds is off by half a frame
+        first_s = -np.inf if seen_s is None else -frame_s / 2 - 1e-9
+        if (row := first_wrong(~(np.diff(times_s, prepend=first_s) > 0))) is not None:
+            since = "" if seen_s is None else " since the video's first frame"
             raise InputError(
-                f"{lines.place(row)}: expected rising seconds since the video's first frame, "
-                f"got {times_s[row]:g}"
+                f"{lines.place(row)}: expected rising seconds{since}, got {times_s[row]:g}"
             )
-        if self.camera is None:
+        if seen_s is None:
             return times_s, float(times_s[-1]), 0.0
-        step_s, seen_s = typical_step_s(times_s), video.frame_times(self._video(episode))
-        spare_s = max(step_s, typical_step_s(seen_s)) if len(seen_s) > 1 else step_s
+        step_s = typical_step_s(times_s)
+        spare_s = max(step_s, frame_s)
         if times_s[-1] > seen_s[-1] + 1.02 * spare_s:
             is_other = times_s[-1] > _OTHER_CLOCK * (seen_s[-1] + spare_s)
             asks = "are its times in seconds, and counted from there" if is_other else ""

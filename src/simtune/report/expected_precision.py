@@ -22,10 +22,11 @@ class PrecisionComparison(NamedTuple):
     """Interval of a parameter as `check` expects it, and as it came out, as text."""
 
     name: str
-    expected: str  # half of the 90 % interval that `check` expects
+    expected: str  # half of the 90 % interval that `check` expects: at best, and if a model errs
     found: str  # half of the actual one
-    times: float | None  # ratio of both
+    times: float | None  # ratio of that to the expected one, 1 between two
     help: str  # what would narrow the interval; empty: nothing is missing
+    is_range: bool = False  # whether two intervals are expected
 
 
 def compare(run: RunData) -> list[PrecisionComparison]:
@@ -84,20 +85,24 @@ def _of(
     run: RunData, name: str, facts: dict[str, Any], expectation: dict[str, Any]
 ) -> PrecisionComparison:
     """A parameter's comparison; `facts`: of the result, `expectation`: of `check`."""
-    expected = half = None
-    suffix = f" {unit(facts)}".rstrip()
-    low, high = facts.get("low"), facts.get("high")
-    if is_number(std := expectation.get("std_percent")):
-        expected, suffix = STDS_90 * std, " %"
-        if is_number(low) and is_number(high) and low > 0:
-            half = 50 * math.log(high / low)
-    elif is_number(std := expectation.get("std")):
-        expected = STDS_90 * std
-        half = (high - low) / 2 if is_number(low) and is_number(high) else None
-    times = half / expected if half and expected else None
-    told = "seen in pictures" if expected is None else f"±{number(expected)}{suffix}"
+    key = "std_percent" if is_number(expectation.get("std_percent")) else "std"
+    suffix = " %" if key == "std_percent" else f" {unit(facts)}".rstrip()
+    stds = [expectation.get(name) for name in (f"{key}_at_best", key)]
+    expected = [STDS_90 * std for std in stds if is_number(std)]
+    half = _half(facts, is_log=key == "std_percent") if expected else None
+    times = half / min(max(half, min(expected)), max(expected)) if half and all(expected) else None
+    told = " to ".join(f"±{number(its)}{suffix}" for its in expected) or "seen in pictures"
     found = "" if half is None else f"±{number(half)}{suffix}"
-    return PrecisionComparison(name, told, found, times, _help(run, facts, expectation, times))
+    more = _help(run, facts, expectation, times)
+    return PrecisionComparison(name, told, found, times, more, is_range=len(expected) > 1)
+
+
+def _half(facts: dict[str, Any], *, is_log: bool) -> float | None:
+    """Of a 90 % interval, in percent on a log scale."""
+    low, high = facts.get("low"), facts.get("high")
+    if not is_number(low) or not is_number(high) or (is_log and not low > 0):
+        return None
+    return 50 * math.log(high / low) if is_log else (high - low) / 2
 
 
 def _help(

@@ -40,6 +40,7 @@ class Simulator(AnySimulator):
         self._state_space = StateSpace(self.model)
         self._initialize = scene.initialize
         self._worlds: dict[int, Worlds] = {}
+        self._refined = 1  # physics steps in place of one
         self._counting: AnySimulator = self  # where steps are counted
 
     @property
@@ -109,6 +110,19 @@ class Simulator(AnySimulator):
         model.pair_margin[pairs], model.pair_gap[pairs] = -_NEVER, _NEVER
         return other
 
+    def finer(self) -> "Simulator | None":
+        """The same with half the physics timestep, observed at the same times.
+
+        None if actuators remember controls, which they do by physics steps.
+        """
+        if self.model.nhistory:
+            return None
+        other = copy.copy(self)
+        other.model, other._worlds = copy.copy(self.model), {}
+        other.model.opt.timestep /= 2
+        other.num_substeps, other._refined = 2 * self.num_substeps, 2 * self._refined
+        return other
+
     def begin(
         self,
         parameters: np.ndarray,
@@ -144,8 +158,8 @@ class Simulator(AnySimulator):
 
         At another rate than the task's own they do not divide evenly.
         """
-        ends = np.linspace(0, self.num_substeps, num + 1).round().astype(int)
-        return np.diff(ends).tolist()
+        ends = np.linspace(0, self.num_substeps // self._refined, num + 1).round().astype(int)
+        return (np.diff(ends) * self._refined).tolist()
 
     def explore(self, num_worlds: int, num_steps: int, rng: np.random.Generator) -> Act:
         """Random actions that excite `num_worlds` worlds; half as large on top of a script."""

@@ -10,20 +10,26 @@ from simtune.fit import (
     OutputErrorFit,
     bound_warnings,
     correlated_pairs,
-    latency_warning,
-    lateness_warning,
+    delay_warnings,
+    timestep_warning,
     too_late_warning,
 )
 from simtune.fit.lateness import is_too_late
 from simtune.fit.readings.replay_objective import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
 from simtune.normal import STDS_90
-from simtune.observation import ObservationModel, assumed_noise, declared_noise, joints_of
+from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
-from simtune.tuning.readings_agreement import FAR_MORE, BestDescent, unexplained
+from simtune.tuning.readings_agreement import BestDescent, unexplained
+from simtune.tuning.readings_warnings import (
+    bounds_warnings,
+    end_warnings,
+    misfit_warnings,
+    unseen_warning,
+)
 from simtune.tuning.survival_curves import normal_curves
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
@@ -32,37 +38,8 @@ _UNKNOWN_STD = 1.0  # of parameters that only pictures show
 _SMALL = 1e-4  # in unit coordinates
 _HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
 _MAINLY = 0.5  # share of what a parameter changes
+_NEARLY_ALL = 0.8  # of the readings
 _UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
-_NOT_FOUND_TWICE = (
-    "Fits to whole episodes, or to what of them can be followed, ended at no answer twice ({} "
-    "tried, from as many starts), so how sure the best of them is cannot be said, and nothing is "
-    "called identified. Leave parameters out that go with others, give better first guesses, or "
-    "more minutes."
-)
-_ONE_FIT = (
-    "There was time for one fit to whole episodes of readings, or to what of them can be followed. "
-    "So how sure it is cannot be said, and nothing that it tells is called identified. Give it "
-    "more minutes."
-)
-_BY_STRETCHES = (
-    "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
-    "elsewhere; fits to stretches of two seconds did, and leave little but noise: the estimate is "
-    "theirs."
-)
-_UNTESTED = (
-    "The simulator leaves {} off by over four times the noise that encoders usually have, and the "
-    "tuning file declares none: whether the model lacks something is not tested. Give the sensor "
-    "its noise."
-)
-_UNEXPLAINED = (
-    "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
-    "model lacks something, or the search ended beside the truth. Intervals count what is left, "
-    "not why, so what mainly these readings show is not called identified."
-)
-_UNSEEN = (
-    "Where {} begins no sensor measures, and it differs from episode to episode: readings alone "
-    "cannot be replayed from there. Measure it, or look at a camera as well."
-)
 
 
 class ReadingsFit(NamedTuple):
@@ -102,6 +79,9 @@ def conclude(
     is_sure = found.is_sure and is_in_time and not unseen
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
     off = unexplained(judged.noise, joints_of(observation.sensors))
+    is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
+    # What the timestep changes by more than all other errors
+    by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
     doubtful[~space.is_appearance] |= judged.shares[:, off].sum(1) > _MAINLY
     estimate = replace(
         read,
@@ -110,12 +90,13 @@ def conclude(
         correlation=correlation,
         correlations=correlated_pairs(correlation, space),
         warnings=[
-            *latency_warning(late),
-            *lateness_warning("readings", *late_s),
+            *([unseen_warning(unseen)] if unseen else []),
+            *delay_warnings("readings", late, *late_s, step_s),
             *([] if is_in_time else [too_late_warning("Readings", late_s[0])]),
-            *_warnings(judged.noise, off, found, observation),
-            *at_bounds.values(),
-            *([_UNSEEN.format(", ".join(unseen))] if unseen else []),
+            *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
+            *([] if unseen else end_warnings(found)),
+            *misfit_warnings(judged.noise, off, observation),
+            *bounds_warnings(at_bounds, is_futile=is_futile),
         ],
         start=None if judged.start is None else judged.start.tolist(),
         latency_steps=late,
@@ -149,7 +130,8 @@ def _errors(
     covariance = covariance * np.outer(wider, wider)
     of_fit = np.full(len(is_appearance), _UNKNOWN_STD)
     of_fit[fitted] = np.sqrt(np.diag(covariance)) * (1.0 if found.is_sure else _UNSURE)
-    std = np.maximum(np.hypot(of_fit, observation.discrepancy_std(is_appearance)), _LEAST_STD)
+    of_model = np.hypot(observation.discrepancy_std(is_appearance), judged.by_timestep)
+    std = np.maximum(np.hypot(of_fit, of_model), _LEAST_STD)
     correlation = block_correlation(len(std), [(fitted, covariance)])
     return std, diluted(correlation, of_fit / std)
 
@@ -195,24 +177,3 @@ def _along_sums(
             gone = (space.to_unit(space.clip(end)) - unit)[fitted]
             reached = np.maximum(reached, np.abs(gone) / STDS_90)
     return reached / std
-
-
-def _warnings(
-    noise: np.ndarray, off: np.ndarray, found: BestDescent, observation: ObservationModel
-) -> list[str]:
-    """Of how fits ended, and of readings that are `off`, (D,) bool, or may be."""
-    warnings = []
-    if not found.is_whole:
-        warnings.append(_BY_STRETCHES)
-    if not found.is_sure:
-        many = found.num_fits > 1
-        warnings.append(_NOT_FOUND_TWICE.format(found.num_fits) if many else _ONE_FIT)
-    sensors = joints_of(observation.sensors)
-    is_declared = np.isfinite(declared_noise(sensors))
-    is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
-    far = noise > FAR_MORE * assumed_noise(sensors)
-    untested = far & ~is_declared & is_place  # what is usual of speeds differs too much
-    for said, which in ((_UNEXPLAINED, off), (_UNTESTED, untested)):
-        labels = [n for n, is_it in zip(observation.reading_labels, which, strict=True) if is_it]
-        warnings += [said.format(", ".join(labels))] if labels else []
-    return warnings

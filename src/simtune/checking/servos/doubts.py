@@ -1,9 +1,10 @@
-"""Features of a joint's readings that no servo in a model can explain, a sentence each."""
+"""Features of a joint's readings that no servo in a model can explain."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from simtune.checking.servos.doubt import Doubt
 from simtune.checking.servos.fit import ServoResponse, delayed_by, predict
 from simtune.checking.servos.following import Following, Watched, followed_instead
 from simtune.columns import episode_in_words
@@ -23,36 +24,36 @@ _UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
 
 def doubts(
     joint: Watched, servo: ServoResponse, following: Following, others: Sequence[Watched] = ()
-) -> list[str]:
+) -> list[Doubt]:
     """On a joint's readings beside its commands, and those of `others`."""
     name, unit = joint.name, joint.unit
     if not servo.commanded > 0 or not np.isfinite(servo.travel):
         return []
     values = np.concatenate(list(joint.measured))
     if (value := np.nanmin(values)) == np.nanmax(values):
-        return [
-            f"{name} reads {value:.4g} {unit} all the time, while it is commanded over "
-            f"{servo.commanded:.3g} {unit}: is the sensor stuck, or another column meant?"
-        ]
+        says = f"reads {value:.4g} {unit} all the time, while it is commanded over"
+        asks = "is the sensor stuck, or another column meant?"
+        return [_doubt(joint, f"{says} {servo.commanded:.3g} {unit}", asks)]
     if odd := _other_scale(joint, following):
         return [odd]
     if servo.travel < _MOVED * servo.commanded:
-        return [
-            f"{name} does not move, though commanded over {servo.commanded:.3g} {unit}: it reads "
-            f"within {servo.travel:.2g} {unit}; is it switched on, and this its column?"
-            f"{_in_other_unit(unit, servo)}"
-        ]
+        asks = "is it switched on, and this its column?" + _in_other_unit(unit, servo)
+        says = f"does not move, though commanded over {servo.commanded:.3g} {unit}: it reads within"
+        return [_doubt(joint, f"{says} {servo.travel:.2g} {unit}", asks, "; ")]
     found = _stuck(joint, servo)
     if abs(following.correlation) < _HARDLY:
         if other := followed_instead(joint, servo, others):
             own = f"its own with a correlation of {following.correlation:.2f}"
-            return [*found, f"{name} follows {other}'s command, {own}: are columns exchanged?"]
-        return [
-            *found,
-            f"{name} hardly follows its command (correlation {following.correlation:.2f}): is it "
-            "another joint's column?",
-        ]
+            says, asks = f"follows {other}'s command, {own}", "are columns exchanged?"
+            return [*found, _doubt(joint, says, asks)._replace(likewise=f"{name} {other}'s")]
+        says = f"hardly follows its command (correlation {following.correlation:.2f})"
+        return [*found, _doubt(joint, says, "is it another joint's column?")]
     return found + _falls_short(joint, servo)
+
+
+def _doubt(joint: Watched, says: str, asks: str, between: str = ": ") -> Doubt:
+    """What a joint does, and what to ask of all that do so."""
+    return Doubt(f"{joint.name} {says}{between}{asks}", asks, joint.name)
 
 
 def misread_by(unit: str, following: Following) -> float | None:
@@ -78,21 +79,22 @@ def _in_other_unit(unit: str, servo: ServoResponse) -> str:
     return f" Or are these {unit}, and the sensor says {other}?" * is_alike
 
 
-def _other_scale(joint: Watched, following: Following) -> str | None:
+def _other_scale(joint: Watched, following: Following) -> Doubt | None:
     if not following.is_clear:
         return None
     size = abs(following.slope)
     also = "; the sign is reversed, too" * (following.slope < 0)
-    times = f"{joint.name} moves {following.slope:.3g} times as far as its command"
+    says = f"moves {following.slope:.3g} times as far as its command"
     if joint.unit in _UNITS:
         factor, other, key = _UNITS[joint.unit]
         if _is_in_unit(size, factor):
-            return f'{times}: are its readings {other}? give the sensor unit = "{key}"{also}'
+            asks = f'are its readings {other}? give the sensor unit = "{key}"{also}'
+            return _doubt(joint, says, asks)
         if factor / _SCALE < 1 / size < factor * _LESS:
             where = f"{joint.unit} already, or are the actions {other}?"
-            return f"{times}: are its readings {where} see unit and [actions]{also}"
+            return _doubt(joint, says, f"are its readings {where} see unit and [actions]{also}")
     if following.slope < 0:
-        return f"{times}: the sign of its readings, or of its actions, is reversed"
+        return _doubt(joint, says, "the sign of its readings, or of its actions, is reversed")
     return None
 
 
@@ -101,7 +103,7 @@ def _is_in_unit(slope: float, factor: float) -> bool:
     return factor / _LESS < slope < factor * _SCALE
 
 
-def _stuck(joint: Watched, servo: ServoResponse) -> list[str]:
+def _stuck(joint: Watched, servo: ServoResponse) -> list[Doubt]:
     """The longest time with exactly the same reading, while the command changes."""
     longest = (0, 0.0, 0)  # steps, the reading, the episode
     for episode, (command, read) in enumerate(zip(joint.commands, joint.measured, strict=True)):
@@ -115,16 +117,16 @@ def _stuck(joint: Watched, servo: ServoResponse) -> list[str]:
     seconds = steps * joint.step_s
     if seconds < _STUCK_S:
         return []
-    return [
-        f"{joint.name} reads {value:.4g} {joint.unit} for {seconds:.2g} s of "
-        f"{episode_in_words(joint.episodes, episode)} while it is commanded elsewhere: does its "
-        "sensor get stuck, or the joint?"
-    ]
+    says = (
+        f"reads {value:.4g} {joint.unit} for {seconds:.2g} s of "
+        f"{episode_in_words(joint.episodes, episode)} while it is commanded elsewhere"
+    )
+    return [_doubt(joint, says, "does its sensor get stuck, or the joint?")]
 
 
-def _falls_short(joint: Watched, servo: ServoResponse) -> list[str]:
+def _falls_short(joint: Watched, servo: ServoResponse) -> list[Doubt]:
     """Readings that fall short of the farthest commands, compared with nearer ones."""
-    name, unit, commands, measured = joint.name, joint.unit, joint.commands, joint.measured
+    unit, commands, measured = joint.unit, joint.commands, joint.measured
     x = np.concatenate(predict(servo, commands, joint.step_s))
     y = np.concatenate([read[: len(c)] for c, read in zip(commands, measured, strict=True)])
     x, y = x[np.isfinite(y)], y[np.isfinite(y)]
@@ -138,8 +140,9 @@ def _falls_short(joint: Watched, servo: ServoResponse) -> list[str]:
         usual = np.std(y[near] - line(x[near]))
         short = float(np.mean(line(x[far]) - y[far]) * np.sign(end - middle))
         if short > max(_SHORT * abs(end - middle), _CLEARLY * usual):
-            return [
-                f"{name} stays {short:.2g} {unit} behind where it is commanded to about "
-                f"{end:.3g} {unit}, and follows elsewhere: a torque limit, or a stop?"
-            ]
+            says = (
+                f"stays {short:.2g} {unit} behind where it is commanded to about {end:.3g} {unit}, "
+                "and follows elsewhere"
+            )
+            return [_doubt(joint, says, "a torque limit, or a stop?")]
     return []

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from simtune.checking.servos.doubt import Doubt, grouped
 from simtune.observation import JointSensor
 
 WIDER = 1.25  # than the joint's range: limits are soft
@@ -33,8 +34,9 @@ def beyond_ranges(
             continue
         (low, high), (least, most) = limits.range, np.quantile(known, _USUAL)
         if most - least > factor * (high - low):
-            found.append(
+            says = (
                 f"{joint} reads {least:.3g} to {most:.3g} {sensor.unit}, farther apart than the "
                 f"model's joint can move, {low:.3g} to {high:.3g}: are its unit and column right?"
             )
-    return found
+            found.append(Doubt(says, "range", joint))
+    return grouped(found)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
+from simtune.checking.servos.doubt import Doubt
 from simtune.checking.servos.doubts import doubts, misread_by
 from simtune.checking.servos.fit import ServoResponse, fit_servo, predict
 from simtune.checking.servos.following import Watched, follows
@@ -21,8 +22,8 @@ class SeenJoint(NamedTuple):
     servo: ServoResponse
     play: float | None  # from end to end, if it is clear
     curve: Curve  # in the first episode that is long enough
-    warnings: list[str]
-    is_doubtful: bool  # whether a warning says more than that packets were lost
+    lost: list[str]  # warnings of lost packets
+    doubts: list[Doubt]
     misread_by: float | None  # factor on its readings that they should not have, if that is clear
 
     def facts(self) -> dict[str, Any]:
@@ -45,12 +46,11 @@ def look_at(joint: Watched, noise: float, others: Sequence[Watched] = ()) -> See
     play = find_play(servo, asked, measured, joint.step_s)
     (predicted,) = predict(servo, asked[:1], joint.step_s)
     following = follows(joint, servo)
-    doubtful = doubts(joint, servo, following, others)
     return SeenJoint(
         servo,
         play.width if play.is_clear(servo.noise) else None,
         Curve(joint.unit, asked[0], measured[0], predicted, servo),
-        lost + doubtful,
-        is_doubtful=bool(doubtful),
+        lost,
+        doubts(joint, servo, following, others),
         misread_by=misread_by(joint.unit, following),
     )

@@ -4,6 +4,7 @@ Only readings are used, never pictures. An episode may be cut into stretches wit
 each: a short stretch is nearly linear in the unknowns, the whole episode is what counts in the end.
 """
 
+import copy
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -33,6 +34,7 @@ class OpenLoopReplay:
     unseen: tuple[str, ...] = ()  # joints that begin anywhere and that no sensor measures
     # Of the readings; with it, one more coordinate follows the parameters
     lateness: Lateness | None = None
+    is_simulated: bool = False  # whether what was read moved with the model's own timestep
 
     @property
     def physics(self) -> Physics:
@@ -78,7 +80,8 @@ class OpenLoopReplay:
         differs[[*measured, *glides]] = False
         unseen = _unseen(simulator.model, differs)
         fitted = np.flatnonzero(~simulator.space.is_appearance)
-        return cls(MeasuredStates(physics, sensors), fitted, unseen)
+        measured = MeasuredStates(physics, sensors)
+        return cls(measured, fitted, unseen, is_simulated=observation.is_simulated)
 
     def by_starts_alone(self) -> "OpenLoopReplay":
         """The same with derivatives by initial states only."""
@@ -90,6 +93,14 @@ class OpenLoopReplay:
         lateness = Lateness.of_readings(self.measured.num_readings, substeps)
         fitted = np.append(self.fitted, len(self.physics.parameters))
         return replace(self, fitted=fitted, lateness=lateness)
+
+    def finer(self) -> "OpenLoopReplay | None":
+        """The same with half the physics timestep; None: see `Simulator.finer`."""
+        if (physics := self.physics.finer()) is None:
+            return None
+        measured = copy.copy(self.measured)
+        measured.physics = physics
+        return replace(self, measured=measured)
 
     def starts_by_shared(self, stretches: Stretches, finds_offset: np.ndarray) -> np.ndarray:
         """(W, P + offsets, S) derivatives of initial states x̄ that readings give.

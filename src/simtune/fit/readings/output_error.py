@@ -17,31 +17,24 @@ measurement, with τ_d its integrated autocorrelation time.
 """
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit.elimination import NormalEquations
-from simtune.fit.lateness import Lateness
+from simtune.fit.readings.descent import FIRST_DAMPING, Descent, stepped
 from simtune.fit.readings.differences import differentiate, refresh
 from simtune.fit.readings.growth import follow
-from simtune.fit.readings.normal_equations import explained_by_starts, jackknife, jackknife_std
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.replay_objective import Guess, Point, ReplayObjective
-from simtune.fit.readings.residuals import correlation_times, spread
+from simtune.fit.readings.output_error_fit import OutputErrorFit, judge
+from simtune.fit.readings.replay_objective import Guess, ReplayObjective
+from simtune.fit.readings.residuals import spread
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.slopes import Groups, StretchSlopes
 from simtune.fit.readings.stretches import Readings
 from simtune.observation import assumed_noise
 
-_FIRST_DAMPING = 1e-2
-_DAMPING = (1e-4, 1e6)
-_TRIED = 7  # steps, each with more damping, before the descent ends
-_ENOUGH = 1e-4  # share of the cost that a step must gain for another one to follow
-_FEWEST = 2.0  # effective observations per reading
-_PARTS = 5  # of a single stretch, each left out in turn
 _MORE_ITERATIONS = 5  # with all derivatives computed anew
 
 
@@ -53,51 +46,6 @@ class ReplayStage(NamedTuple):
 
     def segments_of(self, readings: Readings) -> Segments:
         return self.segments or Segments.evenly(readings, self.steps, self.at_most)
-
-
-@dataclass(frozen=True)
-class Descent:
-    """Where Gauss-Newton is or ended, with the last derivatives."""
-
-    objective: ReplayObjective
-    point: Point
-    noise: np.ndarray  # (D,) root mean square of the residuals
-    slopes: StretchSlopes | None = None
-
-    @property
-    def unit(self) -> np.ndarray:
-        """(N,) parameters in unit coordinates; those not fitted are unchanged."""
-        return self.point.unit
-
-    @property
-    def begun(self) -> np.ndarray:
-        """(N,) where it began."""
-        return self.objective.cut_at.unit
-
-    @property
-    def guess(self) -> Guess:
-        """Start of another descent."""
-        return Guess(self.point.unit, self.point.offsets)
-
-    @property
-    def log_rms(self) -> float:
-        """Mean logarithm of the residuals' rms over all readings: lower is better."""
-        known = np.isfinite(self.objective.stretches.values).sum((0, 1))
-        return float(np.average(np.log(self.noise), weights=known))
-
-
-@dataclass(frozen=True)
-class OutputErrorFit:
-    """Estimate and uncertainty; P parameters, D readings."""
-
-    unit: np.ndarray  # (N,) parameters in unit coordinates; those not fitted are unchanged
-    covariance: np.ndarray  # (P, P) in unit coordinates
-    offsets: np.ndarray  # (D,) measured − simulated
-    noise: np.ndarray  # (D,) root mean square of the residuals
-    start: np.ndarray | None  # (S,) full state where the first episode begins, if it was replayed
-    late_steps: tuple[float, float]  # lateness of readings, and its standard deviation
-    # (P, D) shares of readings in what each parameter changes, at usual noise; rows sum to 1
-    shares: np.ndarray
 
 
 class OutputErrorMethod:
@@ -158,7 +106,7 @@ class OutputErrorMethod:
 
         `takes_s`: an iteration, as far as is known. None is begun that would not end in time.
         """
-        damping, loop = _FIRST_DAMPING, self._loop
+        damping, loop = FIRST_DAMPING, self._loop
         groups = Groups.of(descent.slopes, descent.noise) if descent.slopes else None
         for _ in range(iterations):
             began_s = time.monotonic()
@@ -170,7 +118,7 @@ class OutputErrorMethod:
                 groups = Groups.of(slopes, descent.noise)
             else:
                 slopes = refresh(loop, at, descent.slopes, groups)
-            descent, damping, is_over = _stepped(replace(descent, slopes=slopes), damping)
+            descent, damping, is_over = stepped(replace(descent, slopes=slopes), damping)
             takes_s = time.monotonic() - began_s
             if is_over:
                 break
@@ -180,85 +128,14 @@ class OutputErrorMethod:
         """Uncertainty from full derivatives; if these lead farther down, descend first."""
         began_s = time.monotonic()
         slopes = self._differentiate(ended)
-        further, _, is_over = _stepped(replace(ended, slopes=slopes), _FIRST_DAMPING)
+        further, _, is_over = stepped(replace(ended, slopes=slopes), FIRST_DAMPING)
         takes_s = time.monotonic() - began_s
         if is_over or takes_s > budget.seconds_left:
-            return self._conclude(ended, slopes)
+            return judge(ended, slopes)
         more = budget.part(budget.seconds_left - takes_s)
         ended = self._iterate(further, _MORE_ITERATIONS, more)
-        return self._conclude(ended, self._differentiate(ended))
+        return judge(ended, self._differentiate(ended))
 
     def _differentiate(self, ended: Descent) -> StretchSlopes:
         """Full derivatives where a descent ended."""
         return differentiate(self._loop, ended.objective.difference_point(ended.point))
-
-    def _conclude(self, ended: Descent, slopes: StretchSlopes) -> OutputErrorFit:
-        """Estimate with its covariance, each residual counting as 1/τ of a measurement."""
-        objective, point, num = ended.objective, ended.point, len(self._loop.fitted)
-        residuals = objective.residuals(point, slopes.predicted)
-        noise, times = objective.noise(residuals), correlation_times(residuals)
-        count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
-        # Degrees of freedom of each column: its own offset, its share of the parameters, and what
-        # initial states explain of it
-        spent = self._finds_offset + num / len(noise)
-        spent += explained_by_starts(slopes.by_start, residuals, noise * np.sqrt(times))
-        unsure = np.sqrt(times * count / np.maximum(count - spent, count / 4))
-        equations = objective.equations(point, slopes, noise * unsure)
-        information, _ = objective.with_prior(equations, point)
-        covariance = np.linalg.inv(information)
-        scattered = _scatter(ended, slopes, noise * unsure, equations)[:num]
-        std = np.sqrt(np.diag(covariance))[:num]
-        wider = np.maximum(scattered / std, 1.0)
-        covariance = covariance[:num, :num] * np.outer(wider, wider)
-        own, size = num - (self._loop.lateness is not None), len(self._loop.physics.parameters)
-        is_known = np.isfinite(residuals)[:, None]
-        # Not at `noise`: a reading that the model explains badly would seem to show little
-        seen = slopes.by_parameter[:, :own] * is_known / assumed_noise(self._loop.sensors)
-        shown = np.square(seen).sum((0, 2))  # (P, D)
-        return OutputErrorFit(
-            unit=point.unit[:size],
-            covariance=covariance[:own, :own],
-            offsets=point.offsets,
-            noise=noise,
-            start=objective.play(point)[1][0] if objective.begins_at_first else None,
-            late_steps=Lateness.found(point.unit[size:], covariance[own:, own:]),
-            shares=shown / np.maximum(shown.sum(1, keepdims=True), 1e-300),
-        )
-
-
-def _scatter(
-    ended: Descent, slopes: StretchSlopes, noise: np.ndarray, equations: NormalEquations
-) -> np.ndarray:
-    """(P + offsets,) standard deviations by leaving out episodes, or stretches of a single one.
-
-    Or parts of a single stretch.
-    """
-    objective, point, episode = ended.objective, ended.point, ended.objective.stretches.episode
-    if len(episode) > 1:
-        alone = np.arange(len(episode)) if (episode == episode[0]).all() else episode
-        return jackknife(*equations.by_group(alone), objective.with_prior(equations, point)[0])
-    moved = []
-    for part in np.array_split(np.arange(slopes.predicted.shape[1]), _PARTS):
-        left = objective.equations(point, slopes, noise, part)
-        moved.append(-np.linalg.solve(*objective.with_prior(left, point)))
-    return jackknife_std(np.array(moved))
-
-
-def _stepped(start: Descent, damping: float) -> tuple[Descent, float, bool]:
-    """One Gauss-Newton step; the next damping, and whether the gain is too small to go on."""
-    objective, slopes, noise = start.objective, start.slopes, start.noise
-    assert slopes is not None
-    equations = objective.equations(start.point, slopes, noise)
-    shared = objective.with_prior(equations, start.point)
-    before = objective.cost(start.point, objective.residuals(start.point, slopes.predicted), noise)
-    if equations.promised(*shared) < _ENOUGH * before:
-        return start, damping, True
-    for _ in range(_TRIED):
-        point = objective.step(start.point, equations, damping)
-        residuals = objective.residuals(point, objective.play(point)[0])
-        gain = before - objective.cost(point, residuals, noise)
-        damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
-        if gain > 0:
-            is_over = gain < _ENOUGH * before
-            return replace(start, point=point, noise=objective.noise(residuals)), damping, is_over
-    return start, damping, True

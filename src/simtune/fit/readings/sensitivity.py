@@ -1,5 +1,6 @@
 """Sensitivity of joint readings to parameters, and how well they could identify these at best."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +40,10 @@ class ReadingChanges:
     rms: np.ndarray  # (N, D) changes of the readings when a parameter changes
     largest: np.ndarray  # (N, D)
     noise: np.ndarray  # (D,) standard deviation of an independent error in each reading
-    information: np.ndarray  # (N, N) Fisher information of all episodes, in unit coordinates
+    # (N, N) Fisher information of all episodes, in unit coordinates; and if a fit left as little as
+    # it may at best, None: that is the same
+    information: np.ndarray
+    information_at_best: np.ndarray | None
     # (E,) of the replayed episodes, NaN if it went astray: how many times as large as at the start
     # an error of a first position becomes, in any reading, both relative to the usual noise
     growth: np.ndarray
@@ -102,10 +106,12 @@ class ReplayedReadings:
         self._stretches = read.cut(Segments.evenly(few))
         self._followed = read.cut(follow(self._loop, read, self._unit), goes_on=True)
 
-    def changes(self, changed: np.ndarray, noise: np.ndarray) -> ReadingChanges:
+    def changes(
+        self, changed: np.ndarray, noise: np.ndarray, at_best: np.ndarray | None = None
+    ) -> ReadingChanges:
         """For (N, N) parameters, one changed in each row; noise (D,) of independent readings.
 
-        Raises RuntimeError if all episodes go astray.
+        `at_best`: (D,) the least that it may be. Raises RuntimeError if all episodes go astray.
         """
         worlds = np.vstack([self._unit, self._loop.physics.parameters.to_unit(changed)])
         starts = np.repeat(self._stretches.states[None], len(worlds), 0)
@@ -115,10 +121,11 @@ class ReplayedReadings:
         if not kept.any():
             raise RuntimeError(_ASTRAY)
         away, whole = (predicted[1:] - predicted[0])[:, kept], self._stretches.of(kept)
-        if self._followed is None:
-            information = self._information(whole, noise) * self._share(whole)
-        else:  # of episodes that go astray, what can be followed
-            information = self._information(self._followed, noise) * self._share(self._stretches)
+        told = counted = whole
+        if self._followed is not None:  # of episodes that go astray, what can be followed
+            told, counted = self._followed, self._stretches
+        noises = [noise] if at_best is None else [noise, at_best]
+        information, *least = self._share(counted) * self._information(told, noises)
         grown = np.full(len(kept), np.nan)
         grown[kept] = growth(self._loop, whole, self._unit).max(1)
         return ReadingChanges(
@@ -128,6 +135,7 @@ class ReplayedReadings:
             largest=np.abs(away).max((1, 2)),
             noise=noise,
             information=information,
+            information_at_best=least[0] if least else None,
             growth=grown,
         )
 
@@ -135,8 +143,11 @@ class ReplayedReadings:
         """How many times as many frames there are in all as in these."""
         return self._num_frames / np.isfinite(stretches.values).any(-1).sum()
 
-    def _information(self, stretches: Stretches, noise: np.ndarray) -> np.ndarray:
-        """(N, N) Fisher information; offsets, lateness and initial states are marginalised."""
+    def _information(self, stretches: Stretches, noises: Sequence[np.ndarray]) -> np.ndarray:
+        """(K, N, N) Fisher information for K noises (D,).
+
+        Offsets, lateness and initial states are marginalised.
+        """
         loop, unit, num = self._loop, self._unit, len(self._unit)
         if self._may_be_late:  # as in a fit
             loop, unit = loop.with_lateness(), np.append(unit, Lateness.unit(0.0))
@@ -146,7 +157,10 @@ class ReplayedReadings:
         offsets = finds_offset(loop.sensors)
         by_start = loop.starts_by_shared(stretches, offsets) / start_std
         shared = by_shared(slopes, offsets, by_start)
-        equations = normal_equations(slopes.by_start, shared, nothing_left, noise)
-        total = equations.information.sum(0)
-        mixed, others = total[:num, num:], total[num:, num:]
-        return total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T
+        found = []
+        for noise in noises:
+            equations = normal_equations(slopes.by_start, shared, nothing_left, noise)
+            total = equations.information.sum(0)
+            mixed, others = total[:num, num:], total[num:, num:]
+            found.append(total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T)
+        return np.stack(found)

@@ -1,0 +1,76 @@
+"""Which geoms touch in replays of recordings: a contact that the robot does not have misleads."""
+
+import copy
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from simtune.checking.frictions import geom_name
+from simtune.columns import counted, cut
+from simtune.fit import OpenLoopReplay
+from simtune.fit.readings.stretches import Stretches
+from simtune.parameters import ModelWriter
+
+_MOST_TOLD, _MOST_NAMED = 3, 4  # groups of geoms; geoms or episodes in each
+
+
+class Touching(NamedTuple):
+    """Two geoms that touch in replays."""
+
+    geoms: tuple[str, str]  # the second one is part of the world, if one is
+    episodes: tuple[int, ...]
+
+
+def touching(
+    loop: OpenLoopReplay, whole: Stretches, states: np.ndarray, unit: np.ndarray
+) -> list[Touching]:
+    """In replays of whole episodes from (E, nq + nv) states, at (N,) unit coordinates.
+
+    What touches first comes first.
+    """
+    physics, space = loop.physics, loop.physics.parameters
+    units = np.repeat(unit[None, : len(space)], len(states), 0)
+    played, _ = physics.play(states, units, whole.actions, whole.actuator_states)
+    model = copy.copy(physics.simulator.model)
+    ModelWriter(space, model).write(model, space.from_unit(units[0]))
+    found = dict[tuple[int, int], dict[int, int]]()  # {geoms: {episode: first row}}
+    data, rows = mujoco.MjData(model), _rows(whole)
+    for episode, row in zip(*np.nonzero(np.arange(played.shape[1]) < rows[:, None]), strict=True):
+        mujoco.mj_setState(model, data, played[episode, row], mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_fwdPosition(model, data)
+        for pair in data.contact.geom[data.contact.exclude == 0].tolist():
+            found.setdefault(_ordered(model, *pair), {}).setdefault(int(episode), int(row))
+    in_time = sorted(found.items(), key=lambda item: min(item[1].values()))
+    return [
+        Touching((geom_name(model, one), geom_name(model, other)), tuple(episodes))
+        for (one, other), episodes in in_time
+    ]
+
+
+def in_words(found: Sequence[Touching], names: Sequence[str]) -> str:
+    """A sentence on what touches in the replays of episodes with these names."""
+    groups = dict[tuple[str, tuple[int, ...]], list[str]]()
+    for (one, other), episodes in found:
+        groups.setdefault((other, episodes), []).append(one)
+    told = []
+    for (other, episodes), ones in groups.items():
+        few = cut([names[episode] for episode in episodes], _MOST_NAMED)
+        which = f" ({few})" * (len(episodes) < len(names))
+        touch = "touches" if len(ones) == 1 else "touch"
+        share = f"{len(episodes)} of {counted(len(names), 'episode')}"
+        told.append(f"{cut(ones, _MOST_NAMED)} {touch} {other} in {share}{which}")
+    return f"{cut(told, _MOST_TOLD, '; ')}: is it so on the robot?"
+
+
+def _rows(whole: Stretches) -> np.ndarray:
+    """(E,) rows until the last reading: shorter episodes are padded."""
+    is_read = np.asarray(np.isfinite(whole.values).any(-1))
+    return is_read.shape[1] - is_read[:, ::-1].argmax(1)
+
+
+def _ordered(model: mujoco.MjModel, one: int, other: int) -> tuple[int, int]:
+    """Two geoms, with one of the world last."""
+    is_world = one >= 0 and not model.body_weldid[model.geom_bodyid[one]]
+    return (other, one) if is_world else (one, other)

@@ -1,0 +1,50 @@
+"""Open-loop replays of recorded episodes at first guesses, as `tune` begins with them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from simtune.checking.replayed_contacts import Touching, touching
+from simtune.checking.unsettled_starts import free_bases, unsettled
+from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit.sensitivity import where_analyzed
+from simtune.observation import ObservationModel
+from simtune.simulation import Simulator
+from simtune.trajectory import Trajectory
+from simtune.tuning.readings_warnings import unseen_warning
+
+
+class RecordedReplays:
+    """Of episodes with names, in nominal worlds."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        seen: ObservationModel,
+        trajectories: Sequence[Trajectory],
+        names: Sequence[str],
+    ):
+        nominal = where_analyzed(simulator.space)
+        self._loop = OpenLoopReplay.of(simulator, seen, nominal)
+        self._readings = Readings.of(trajectories, self._loop.sensors)
+        self._unit, self._names = simulator.space.to_unit(nominal), names
+        # Readings alone are not replayed if pictures must say where a robot begins
+        self._are_used = not (self._loop.unseen and seen.cameras)
+
+    def start_warnings(self) -> list[str]:
+        """On bases whose start is unknown, or which do not begin at rest."""
+        if not self._are_used:
+            return []
+        loop = self._loop
+        found = [unseen_warning(loop.unseen)] if loop.unseen else []
+        for base in free_bases(loop):
+            found += unsettled(loop, base, self._readings, self._unit, self._names)
+        return found
+
+    def contacts(self, episodes: Sequence[int]) -> list[Touching]:
+        """What touches in these of the episodes; their numbers are those among `episodes`."""
+        if not len(episodes):
+            return []
+        few = Readings(self._readings.actions[[*episodes]], self._readings.values[[*episodes]])
+        whole = self._loop.cut(few, self._unit, np.zeros(few.values.shape[-1]))
+        return touching(self._loop, whole, whole.states, self._unit)

@@ -1,0 +1,64 @@
+"""A descent on readings, and one Gauss-Newton step of it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from simtune.fit.readings.replay_objective import Guess, Point, ReplayObjective
+from simtune.fit.readings.slopes import StretchSlopes
+
+FIRST_DAMPING = 1e-2
+_DAMPING = (1e-4, 1e6)
+_TRIED = 7  # steps, each with more damping, before the descent ends
+_ENOUGH = 1e-4  # share of the cost that a step must gain for another one to follow
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where Gauss-Newton is or ended, with the last derivatives."""
+
+    objective: ReplayObjective
+    point: Point
+    noise: np.ndarray  # (D,) root mean square of the residuals
+    slopes: StretchSlopes | None = None
+
+    @property
+    def unit(self) -> np.ndarray:
+        """(N,) parameters in unit coordinates; those not fitted are unchanged."""
+        return self.point.unit
+
+    @property
+    def begun(self) -> np.ndarray:
+        """(N,) where it began."""
+        return self.objective.cut_at.unit
+
+    @property
+    def guess(self) -> Guess:
+        """Start of another descent."""
+        return Guess(self.point.unit, self.point.offsets)
+
+    @property
+    def log_rms(self) -> float:
+        """Mean logarithm of the residuals' rms over all readings: lower is better."""
+        known = np.isfinite(self.objective.stretches.values).sum((0, 1))
+        return float(np.average(np.log(self.noise), weights=known))
+
+
+def stepped(start: Descent, damping: float) -> tuple[Descent, float, bool]:
+    """One Gauss-Newton step; the next damping, and whether the gain is too small to go on."""
+    objective, slopes, noise = start.objective, start.slopes, start.noise
+    assert slopes is not None
+    equations = objective.equations(start.point, slopes, noise)
+    shared = objective.with_prior(equations, start.point)
+    before = objective.cost(start.point, objective.residuals(start.point, slopes.predicted), noise)
+    if equations.promised(*shared) < _ENOUGH * before:
+        return start, damping, True
+    for _ in range(_TRIED):
+        point = objective.step(start.point, equations, damping)
+        residuals = objective.residuals(point, objective.play(point)[0])
+        gain = before - objective.cost(point, residuals, noise)
+        damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
+        if gain > 0:
+            is_over = gain < _ENOUGH * before
+            return replace(start, point=point, noise=objective.noise(residuals)), damping, is_over
+    return start, damping, True

@@ -1,0 +1,44 @@
+"""How much of an estimate makes up for the physics timestep.
+
+A simulator's motion depends on its timestep, a robot's does not: a joint whose servo is integrated
+in steps of 2 ms swings as if it were damped otherwise, and a fit that knows no better finds another
+damping. Fitted with half the timestep, readings of a quadruped's servos gave dampings 5 and 8 %
+lower and armatures 3 to 6 % higher, at intervals of ± 4 %.
+"""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from simtune.fit.readings.descent import FIRST_DAMPING, Descent, stepped
+from simtune.fit.readings.slopes import StretchSlopes
+
+# Change without any timestep, relative to that with half of it: errors are in proportion to the
+# timestep (Euler, implicit), or to its fourth power (Runge-Kutta)
+_WITHOUT, _WITHOUT_RK4 = 2.0, 16 / 15
+_ITERATIONS = 6
+
+
+def change_by_timestep(ended: Descent, slopes: StretchSlopes) -> np.ndarray:
+    """(P,) change of the estimate, in unit coordinates, if physics had no timestep.
+
+    A descent that goes on with half the timestep, and with the derivatives `slopes` where it
+    `ended`, changes the estimate by half as much, as errors are in proportion to the timestep. 0
+    where simulated readings have the same timestep, or if actuators remember controls.
+    """
+    loop = ended.objective.loop
+    finer = None if loop.is_simulated else loop.finer()
+    if finer is None:
+        return np.zeros(len(loop.fitted))
+    objective = replace(ended.objective, loop=finer)
+    descent, damping = replace(ended, objective=objective), FIRST_DAMPING
+    for _ in range(_ITERATIONS):
+        predicted, _ = objective.play(descent.point)
+        descent = replace(descent, slopes=slopes._replace(predicted=predicted))
+        descent, damping, is_over = stepped(descent, damping)
+        if is_over:
+            break
+    is_rk4 = loop.physics.simulator.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4.value
+    change = (descent.unit - ended.unit)[loop.fitted]
+    return (_WITHOUT_RK4 if is_rk4 else _WITHOUT) * change

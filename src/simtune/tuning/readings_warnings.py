@@ -1,0 +1,82 @@
+"""Warnings of a fit to joint readings: how it ended, what it left, where its replays begin."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from simtune.columns import cut
+from simtune.observation import ObservationModel, assumed_noise, declared_noise, joints_of
+from simtune.tuning.readings_agreement import FAR_MORE, BestDescent
+
+_MOST_NAMED = 6  # parameters at a bound
+_NOT_FOUND_TWICE = (
+    "Fits to whole episodes, or to what of them can be followed, ended at no answer twice ({} "
+    "tried, from as many starts), so how sure the best of them is cannot be said, and nothing is "
+    "called identified. Leave parameters out that go with others, give better first guesses, or "
+    "more minutes."
+)
+_ONE_FIT = (
+    "There was time for one fit to whole episodes of readings, or to what of them can be followed. "
+    "So how sure it is cannot be said, and nothing that it tells is called identified. Give it "
+    "more minutes."
+)
+_BY_STRETCHES = (
+    "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
+    "elsewhere; fits to stretches of two seconds did, and leave little but noise: the estimate is "
+    "theirs."
+)
+_UNTESTED = (
+    "The simulator leaves {} off by over four times the noise that encoders usually have, and the "
+    "tuning file declares none: whether the model lacks something is not tested. Give the sensor "
+    "its noise."
+)
+_UNEXPLAINED = (
+    "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
+    "model lacks something, or the search ended beside the truth. Intervals count what is left, "
+    "not why, so what mainly these readings show is not called identified."
+)
+_UNSEEN = (
+    "Where {0} begins no sensor measures, and each episode may begin elsewhere: readings alone "
+    "cannot be replayed from there, so nothing that they tell is called identified. Measure it, "
+    "or look at a camera as well. If the robot always begins the same, say so by a keyframe "
+    "([initial_state]); if it is mounted, by fixed_joints."
+)
+_AT_BOUNDS_BUT_OFF = (
+    "{} ended at a bound of the range, as happens where replays cannot explain what is read: wider "
+    "bounds would not help."
+)
+
+
+def unseen_warning(unseen: Sequence[str]) -> str:
+    """On joints that begin anywhere and that no sensor measures."""
+    return _UNSEEN.format(", ".join(unseen))
+
+
+def end_warnings(found: BestDescent) -> list[str]:
+    """Of how fits ended."""
+    warnings = [] if found.is_whole else [_BY_STRETCHES]
+    if not found.is_sure:
+        many = found.num_fits > 1
+        warnings.append(_NOT_FOUND_TWICE.format(found.num_fits) if many else _ONE_FIT)
+    return warnings
+
+
+def misfit_warnings(noise: np.ndarray, off: np.ndarray, observation: ObservationModel) -> list[str]:
+    """Of readings that are `off`, (D,) bool, or may be; `noise`: (D,) what is left of them."""
+    sensors = joints_of(observation.sensors)
+    is_declared = np.isfinite(declared_noise(sensors))
+    is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
+    far = noise > FAR_MORE * assumed_noise(sensors)
+    untested = far & ~is_declared & is_place  # what is usual of speeds differs too much
+    warnings = []
+    for said, which in ((_UNEXPLAINED, off), (_UNTESTED, untested)):
+        labels = [n for n, is_it in zip(observation.reading_labels, which, strict=True) if is_it]
+        warnings += [said.format(", ".join(labels))] if labels else []
+    return warnings
+
+
+def bounds_warnings(at_bounds: Mapping[str, str], *, is_futile: bool) -> list[str]:
+    """Of parameters at a bound, {name: warning}; one for all if wider bounds would be futile."""
+    if is_futile and at_bounds:
+        return [_AT_BOUNDS_BUT_OFF.format(cut(list(at_bounds), _MOST_NAMED))]
+    return list(at_bounds.values())

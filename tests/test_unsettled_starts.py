@@ -1,0 +1,168 @@
+"""Replays that begin where no robot could rest, and contacts that it may not have."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from simtune.checking import sensitive_starts
+from simtune.checking.check import check
+from simtune.checking.replayed_contacts import Touching, in_words
+from simtune.checking.replays import RecordedReplays
+from simtune.config import CheckConfig, TuneConfig
+from simtune.experiment.experiment import build_experiment
+from simtune.real.observed import observed
+from simtune.tasks import load_task
+from simtune.trajectory import Trajectory
+
+# A box that stands on a floor, and whose servo turns an arm above it
+SCENE = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="2 2 .1"/>
+    <body name="trunk" pos="0 0 {height}">
+      {base}
+      <geom name="trunk" type="box" size=".1 .1 .1" mass="2"/>
+      <body name="arm" pos="0 0 .2">
+        <joint name="elbow" axis="0 0 1" damping=".1"/>
+        <geom name="arm" type="box" size=".05 .02 .02" mass=".2"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><{servo} name="elbow" joint="elbow"/></actuator>
+  <keyframe><key name="stand" qpos="{pose} 0"/></keyframe>
+</mujoco>
+"""
+TUNE = """
+model = "scene.xml"
+control_timestep_s = 0.02
+{start}
+
+[[sensors]]
+name = "angle"
+joints = "elbow"
+columns = "measured.elbow"
+noise = 0.001
+
+[[parameters]]
+name = "mass"
+kind = "mass"
+objects = "arm"
+"""
+STAND = '[initial_state]\nkind = "keyframe"\nkeyframe = "stand"'
+ACTIONS = '\n[actions]\nmapping = "direct"\ncolumns = ["elbow"]\n'
+FREE = '<freejoint name="root"/>'
+SLIDES = '<joint name="up" type="slide" axis="0 0 1"/><joint name="roll" axis="1 0 0"/>'
+SERVO = 'position kp="5"'
+
+
+def replays(
+    folder: Path, base: str, pose: str, start: str = STAND, servo: str = SERVO, moves: float = 0.0
+) -> RecordedReplays:
+    """Of two episodes in which the elbow moves by so many rad at once."""
+    height = 0.1 if base == SLIDES else 0.0
+    scene = SCENE.format(base=base, pose=pose, servo=servo, height=height)
+    (folder / "scene.xml").write_text(scene)
+    (folder / "tune.toml").write_text(TUNE.format(start=start))
+    task = load_task(str(folder / "tune.toml"))
+    read = moves * np.minimum(np.arange(31) / 4, 1.0)[:, None]
+    episode = Trajectory(
+        np.zeros((31, 0, 0, 3), np.uint8), np.zeros((30, 1), np.float32), 0.02, {"angle": read}
+    )
+    seen = observed(task, None, is_simulated=False)
+    return RecordedReplays(task.simulator(image_size=16), seen, [episode] * 2, ["walk0", "walk1"])
+
+
+@pytest.mark.parametrize(
+    ("base", "pose", "said"),
+    [
+        (FREE, "0 0 .1 1 0 0 0", None),
+        (FREE, "0 0 .13 1 0 0 0", '["root"]'),
+        (SLIDES, "0 0", None),
+        (SLIDES, ".03 0", '["up", "roll"]'),
+    ],
+)
+def test_a_base_that_begins_above_the_floor_is_said_to_fall(tmp_path, base, pose, said):
+    found = replays(tmp_path, base, pose).start_warnings()
+    assert len(found) == bool(said)
+    if said:
+        assert found[0].startswith("trunk does not begin at rest")
+        assert "walk0, walk1 (2 of 2 episodes) it falls by 3" in found[0]  # mm, and it sinks in
+        assert f"fixed_joints = {said}" in found[0]
+
+
+def test_a_base_in_the_floor_is_thrown_up(tmp_path):
+    (found,) = replays(tmp_path, FREE, "0 0 .05 1 0 0 0").start_warnings()
+    assert "it is thrown up by" in found
+
+
+def test_of_a_robot_in_motion_only_a_long_fall_is_told(tmp_path):
+    """It may hop, and then falls some millimetres like the robot."""
+    assert not replays(tmp_path, FREE, "0 0 .13 1 0 0 0", moves=0.5).start_warnings()
+    (found,) = replays(tmp_path, FREE, "0 0 2 1 0 0 0", moves=0.5).start_warnings()
+    assert "it falls by 4" in found  # g/2 · (.3 s)² = 441 mm
+
+
+def test_what_first_commands_do_not_hold_is_not_judged(tmp_path):
+    assert not replays(tmp_path, FREE, "0 0 .13 1 0 0 0", servo="motor").start_warnings()
+
+
+def test_check_says_that_a_base_may_begin_anywhere(tmp_path):
+    unseen, falls = replays(tmp_path, FREE, "0 0 .1 1 0 0 0", start="").start_warnings()
+    assert unseen.startswith("Where root begins no sensor measures")
+    assert "nothing that they tell is called identified" in unseen
+    assert falls.startswith("trunk does not begin at rest")  # at the height of the model's pose
+
+
+def test_check_and_tune_warn_of_a_base_that_falls(tmp_path):
+    replays(tmp_path, FREE, "0 0 .13 1 0 0 0", start=STAND + ACTIONS)
+    real = tmp_path / "real"
+    real.mkdir()
+    turns = [f"{t / 50},{t > 10:d},{min(max(t - 10, 0) / 10, 1)}" for t in range(40)]
+    (real / "turn.csv").write_text("\n".join(["time,elbow,measured.elbow", *turns]))
+    task = str(tmp_path / "tune.toml")
+    checked = check(CheckConfig(task=task, real=real))["warnings"]
+    config = TuneConfig(task=task, real=str(real), out=tmp_path / "run")
+    tuned = build_experiment(config)
+    for warnings in (checked, tuned.warnings(tuned.recordings)):
+        falls = [warning for warning in warnings if "turn (1 of 1 episode) it falls" in warning]
+        assert len(falls) == 1
+
+
+def test_what_touches_in_replays_is_named(tmp_path):
+    stands = replays(tmp_path, FREE, "0 0 .13 1 0 0 0")
+    assert stands.contacts([1]) == [Touching(("trunk", "floor"), (0,))]
+    assert stands.contacts([]) == []
+    hangs = replays(tmp_path, FREE, "0 0 2 1 0 0 0")
+    assert hangs.contacts([0, 1]) == []
+
+
+def test_of_geoms_that_touch_the_same_all_are_told_together():
+    found = [Touching((foot, "floor"), (0, 1)) for foot in ("left", "right")]
+    found.append(Touching(("left", "right"), (1,)))
+    assert in_words(found, ["walk0", "walk1"]) == (
+        "left, right touch floor in 2 of 2 episodes; left touches right in 1 of 2 episodes "
+        "(walk1): is it so on the robot?"
+    )
+    growth = np.array([20.0, 1.0, 20.0])
+    (warning,) = sensitive_starts.warnings(growth, ["walk0", "rest", "walk1"], found)
+    assert "2 of 3 episodes replayed (walk0, walk1)" in warning
+    assert warning.endswith(
+        "In these replays left, right touch floor in 2 of 2 episodes; left touches right in 1 of 2 "
+        "episodes (walk1): is it so on the robot?"
+    )
+
+
+def test_the_recipe_of_the_docs_settles_a_keyframe(tmp_path):
+    """docs/joint-readings.md, "Robots that stand"."""
+    page = (Path(__file__).parents[1] / "docs/joint-readings.md").read_text()
+    recipe = page[page.index("## Robots that stand") :].split("```python\n")[1].split("```")[0]
+    replays(tmp_path, FREE, "0 0 .13 1 0 0 0")
+    recipe = recipe.replace("robot.xml", str(tmp_path / "scene.xml"))
+    recipe = recipe.replace("settled.xml", str(tmp_path / "settled.xml"))
+    exec(recipe, {})
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "settled.xml"))
+    assert model.key_qpos[0, 2] == pytest.approx(0.1, abs=1e-3)
+    assert model.key("stand").id == 0
