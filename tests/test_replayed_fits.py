@@ -230,7 +230,7 @@ class OneStepLate:
 
 def test_a_delay_of_a_step_is_not_left_to_a_lateness_that_ends_before():
     fit = OneStepLate()
-    readings = SimpleNamespace(values=np.zeros((1, 9, 1)), late=0)
+    readings = SimpleNamespace(values=np.zeros((1, 40, 1)), late=0)
     readings.delayed = lambda steps: SimpleNamespace(late=steps)
     ends = (np.zeros(2), np.array([1.0, 0.0]))
     horizons = Horizons(growing=(Horizon(0.4, 1, 24),))

@@ -654,6 +654,9 @@ def test_what_is_far_off_is_told_also_where_no_noise_is_declared(truth: Path, tm
             ]
             assert len(told) == len(expected)
             assert all(said in warning for warning in told)
+            sure = 1e-4 * np.eye(num), np.zeros(num)
+            verdict = fit_of(experiment, *sure, observation, off).estimate.verdict
+            assert verdict == ["weak" if expected else "identified"] * num
 
 
 def test_readings_of_a_robot_that_begins_unseen_identify_nothing(truth: Path, tmp_path: Path):

@@ -59,12 +59,18 @@ SERVO = 'position kp="5"'
 
 
 def replays(
-    folder: Path, base: str, pose: str, start: str = STAND, servo: str = SERVO, moves: float = 0.0
+    folder: Path,
+    base: str,
+    pose: str,
+    start: str = STAND,
+    servo: str = SERVO,
+    moves: float = 0.0,
+    scene: str = SCENE,
 ) -> RecordedReplays:
     """Of two episodes in which the elbow moves by so many rad at once."""
     height = 0.1 if base == SLIDES else 0.0
-    scene = SCENE.format(base=base, pose=pose, servo=servo, height=height)
-    (folder / "scene.xml").write_text(scene)
+    filled = scene.format(base=base, pose=pose, servo=servo, height=height)
+    (folder / "scene.xml").write_text(filled)
     (folder / "tune.toml").write_text(TUNE.format(start=start))
     task = load_task(str(folder / "tune.toml"))
     read = moves * np.minimum(np.arange(31) / 4, 1.0)[:, None]
@@ -109,11 +115,19 @@ def test_what_first_commands_do_not_hold_is_not_judged(tmp_path):
     assert not replays(tmp_path, FREE, "0 0 .13 1 0 0 0", servo="motor").start_warnings()
 
 
-def test_check_says_that_a_base_may_begin_anywhere(tmp_path):
-    unseen, falls = replays(tmp_path, FREE, "0 0 .1 1 0 0 0", start="").start_warnings()
-    assert unseen.startswith("Where root begins no sensor measures")
-    assert "nothing that they tell is called identified" in unseen
+def test_where_on_a_floor_a_base_begins_is_not_told_if_no_reading_shows_it(tmp_path):
+    (falls,) = replays(tmp_path, FREE, "0 0 .1 1 0 0 0", start="").start_warnings()
     assert falls.startswith("trunk does not begin at rest")  # at the height of the model's pose
+
+
+def test_check_says_that_a_base_may_begin_as_it_likes(tmp_path):
+    """The arm hangs to one side, and turns as the trunk leans."""
+    off_centre = SCENE.replace('<geom name="arm"', '<geom name="arm" pos=".2 0 0"')
+    start = '[initial_state]\nkind = "distribution"\n[initial_state.joints]\n'
+    start += "roll = { position = [-0.5, 0.5] }"
+    found = replays(tmp_path, SLIDES, "0 0", start=start, scene=off_centre).start_warnings()
+    assert found[0].startswith("Where roll begins no sensor measures")
+    assert "nothing that they tell is called identified" in found[0]
 
 
 def test_check_and_tune_warn_of_a_base_that_falls(tmp_path):

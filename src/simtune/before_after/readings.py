@@ -70,6 +70,9 @@ def replay(
     late = readings.delayed(tuned.latency_steps)
     unit = np.append(space.to_unit(tuned.mean), Lateness.unit(tuned.late_s / simulator.step_s))
     after = replay_whole(loop.with_lateness(), late, unit, offsets)
+    # Until actions take effect it stands where the replay begins
+    steps = np.maximum(np.arange(after.shape[1]) - tuned.latency_steps, 0)
+    after = after[:, steps]
     return Replayed(
         labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after
     )

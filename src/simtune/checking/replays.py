@@ -28,6 +28,8 @@ class RecordedReplays:
         self._loop = OpenLoopReplay.of(simulator, seen, nominal)
         self._readings = Readings.of(trajectories, self._loop.sensors)
         self._unit, self._names = simulator.space.to_unit(nominal), names
+        if not seen.cameras:
+            self._loop = self._loop.where_starts_show(self._readings, self._unit)
         # Readings alone are not replayed if pictures must say where a robot begins
         self._are_used = not (self._loop.unseen and seen.cameras)
 

@@ -182,7 +182,8 @@ class ReadingsSearch:
     def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
         loop = OpenLoopReplay.of(self._simulator, self._context.observation, self._context.start)
         loop = loop.with_lateness() if self._may_be_late else loop
-        return Readings.of(real, loop.sensors), loop
+        readings = Readings.of(real, loop.sensors)
+        return readings, loop.where_starts_show(readings, self._begin(loop))
 
     def _events(self) -> list[Event]:
         why = "joint readings"

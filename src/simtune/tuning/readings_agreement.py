@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit import Descent
-from simtune.observation import JointSensor, declared_noise
+from simtune.observation import JointSensor, assumed_noise, declared_noise
 
 FAR_MORE = 4.0  # factor on the noise that a sensor declares
 CLEARLY_BETTER = 0.02  # relative decrease of residuals that counts as better, for a fit or a delay
@@ -57,6 +57,16 @@ def two_agree(fits: Sequence[Descent]) -> bool:
 def unexplained(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:
     """(D,) bool: readings whose residuals (D,) are far larger than the declared noise."""
     return noise > FAR_MORE * declared_noise(sensors)
+
+
+def untested(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:
+    """(D,) bool: readings whose residuals (D,) are far larger than usual, with no noise declared.
+
+    Not of speeds, of which what is usual differs too much.
+    """
+    is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
+    is_declared = np.isfinite(declared_noise(sensors))
+    return is_place & ~is_declared & (noise > FAR_MORE * assumed_noise(sensors))
 
 
 def _next_to_best(fits: Sequence[Descent], moving: np.ndarray) -> list[Descent]:

@@ -132,7 +132,8 @@ class ReadingsFits:
         """
         grown = self.grow([guess], budget, to_s=_LATE.seconds)[0]
         stage = self._stage(_LATE, self._horizons.late_iterations)
-        longest = most_delayed(self._step_s) - 1
+        left = self._readings.values.shape[1] - 1 - FEWEST_STEPS
+        longest = min(most_delayed(self._step_s) - 1, left)
         best = self._method.descend(self._readings, grown.guess, stage, budget, grown)
         steps = 0
         for number in range(1, longest + 1):

@@ -23,7 +23,7 @@ from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
-from simtune.tuning.readings_agreement import BestDescent, unexplained
+from simtune.tuning.readings_agreement import BestDescent, unexplained, untested
 from simtune.tuning.readings_warnings import (
     bounds_warnings,
     end_warnings,
@@ -78,11 +78,12 @@ def conclude(
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
     is_sure = found.is_sure and is_in_time and not unseen
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
-    off = unexplained(judged.noise, joints_of(observation.sensors))
+    sensors = joints_of(observation.sensors)
+    off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
     is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
     # What the timestep changes by more than all other errors
     by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
-    doubtful[~space.is_appearance] |= judged.shares[:, off].sum(1) > _MAINLY
+    doubtful[~space.is_appearance] |= judged.shares[:, off | may_be_off].sum(1) > _MAINLY
     estimate = replace(
         read,
         mean=space.from_unit(judged.unit),
@@ -95,7 +96,7 @@ def conclude(
             *([] if is_in_time else [too_late_warning("Readings", late_s[0])]),
             *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
             *([] if unseen else end_warnings(found)),
-            *misfit_warnings(judged.noise, off, observation),
+            *misfit_warnings(off, may_be_off, observation),
             *bounds_warnings(at_bounds, is_futile=is_futile),
         ],
         start=None if judged.start is None else judged.start.tolist(),

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from simtune.columns import cut
-from simtune.observation import ObservationModel, assumed_noise, declared_noise, joints_of
-from simtune.tuning.readings_agreement import FAR_MORE, BestDescent
+from simtune.observation import ObservationModel
+from simtune.tuning.readings_agreement import BestDescent
 
 _MOST_NAMED = 6  # parameters at a bound
 _NOT_FOUND_TWICE = (
@@ -27,8 +27,8 @@ _BY_STRETCHES = (
 )
 _UNTESTED = (
     "The simulator leaves {} off by over four times the noise that encoders usually have, and the "
-    "tuning file declares none: whether the model lacks something is not tested. Give the sensor "
-    "its noise."
+    "tuning file declares none. So whether the model lacks something is not tested, and what "
+    "mainly these readings show is not called identified. Give the sensor its noise."
 )
 _UNEXPLAINED = (
     "The simulator leaves {} off by over four times the noise that the tuning file declares: the "
@@ -61,15 +61,12 @@ def end_warnings(found: BestDescent) -> list[str]:
     return warnings
 
 
-def misfit_warnings(noise: np.ndarray, off: np.ndarray, observation: ObservationModel) -> list[str]:
-    """Of readings that are `off`, (D,) bool, or may be; `noise`: (D,) what is left of them."""
-    sensors = joints_of(observation.sensors)
-    is_declared = np.isfinite(declared_noise(sensors))
-    is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
-    far = noise > FAR_MORE * assumed_noise(sensors)
-    untested = far & ~is_declared & is_place  # what is usual of speeds differs too much
+def misfit_warnings(
+    off: np.ndarray, may_be_off: np.ndarray, observation: ObservationModel
+) -> list[str]:
+    """Of readings that are `unexplained`, and of those that are `untested`, (D,) bool each."""
     warnings = []
-    for said, which in ((_UNEXPLAINED, off), (_UNTESTED, untested)):
+    for said, which in ((_UNEXPLAINED, off), (_UNTESTED, may_be_off)):
         labels = [n for n, is_it in zip(observation.reading_labels, which, strict=True) if is_it]
         warnings += [said.format(", ".join(labels))] if labels else []
     return warnings

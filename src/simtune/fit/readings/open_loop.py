@@ -18,11 +18,18 @@ from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.fit.readings.unmeasured import carried, play_in_turn
-from simtune.observation import JointSensor, ObservationModel, joints_of, measured_places
+from simtune.observation import (
+    JointSensor,
+    ObservationModel,
+    assumed_noise,
+    joints_of,
+    measured_places,
+)
 from simtune.simulation import AnySimulator, Simulator
 from simtune.simulation.loose_objects import gliding_joints, loose_places
 
 _FAR_AWAY = 1e3  # in units of the model's extent
+_FEW = 3  # episodes
 
 
 @dataclass(frozen=True)
@@ -35,6 +42,8 @@ class OpenLoopReplay:
     # Of the readings; with it, one more coordinate follows the parameters
     lateness: Lateness | None = None
     is_simulated: bool = False  # whether what was read moved with the model's own timestep
+    # (nq + nv,) where another episode begins, NaN but for the unseen joints' positions
+    elsewhere: np.ndarray | None = None
 
     @property
     def physics(self) -> Physics:
@@ -79,9 +88,27 @@ class OpenLoopReplay:
         physics = Physics(simulator, observation.observe_beside(), full_state)
         differs[[*measured, *glides]] = False
         unseen = _unseen(simulator.model, differs)
+        elsewhere = np.where(np.pad(differs, (0, simulator.model.nv)), another, np.nan)
         fitted = np.flatnonzero(~simulator.space.is_appearance)
         measured = MeasuredStates(physics, sensors)
-        return cls(measured, fitted, unseen, is_simulated=observation.is_simulated)
+        is_simulated = observation.is_simulated
+        return cls(measured, fitted, unseen, is_simulated=is_simulated, elsewhere=elsewhere)
+
+    def where_starts_show(self, readings: Readings, unit: np.ndarray) -> "OpenLoopReplay":
+        """The same, but nothing is unseen if no reading shows where it begins.
+
+        Wheels turn alike wherever on a floor their robot begins. Two such starts are played in a
+        world of (N,) `unit` coordinates; what readings show is more than their usual noise.
+        """
+        if not self.unseen or self.elsewhere is None:
+            return self
+        few = Readings(readings.actions[:_FEW], readings.values[:_FEW])
+        stretches = self.cut(few, unit, np.zeros(self.measured.num_readings))
+        moved = np.where(np.isnan(self.elsewhere), stretches.states, self.elsewhere)
+        both = np.stack([stretches.states, moved])
+        (one, other), _ = self.play(stretches, both, np.repeat(unit[None], 2, 0))
+        shows = not (np.abs(one - other) <= assumed_noise(self.sensors)).all()
+        return self if shows else replace(self, unseen=())
 
     def by_starts_alone(self) -> "OpenLoopReplay":
         """The same with derivatives by initial states only."""

@@ -76,6 +76,8 @@ class OutputErrorMethod:
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         derived_s = self.num_worlds * (time.monotonic() - began_s)
+        if near and len(near.objective.stretches.states) != len(stretches.states):
+            near = None  # of a delay that leaves fewer stretches
         left = played[0] + begin.offsets - stretches.values
         noise = spread(left, assumed_noise(loop.sensors))
         if near:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from simtune.observation import JointSensor
-from simtune.trajectory import Trajectory, delayed
+from simtune.trajectory import Trajectory
 
 # Readings to which a parabola is fitted for a velocity: more of them would smooth away how a robot
 # starts to move from rest.
@@ -36,8 +36,14 @@ class Readings:
         return cls(np.stack(actions).astype(float), np.stack(values))
 
     def delayed(self, steps: int) -> "Readings":
-        """The same with the actions delayed by `steps`."""
-        return Readings(delayed(self.actions, steps), self.values)
+        """Actions beside the readings at which they take effect, `steps` later.
+
+        The first `steps` readings are left out: nobody knows what acted before an episode. A servo
+        was held, but a motor may have been off.
+        """
+        values = np.full_like(self.values, np.nan)
+        values[:, : values.shape[1] - steps] = self.values[:, steps:]
+        return Readings(self.actions, values)
 
 
 class Stretches(NamedTuple):
