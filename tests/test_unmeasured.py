@@ -72,7 +72,8 @@ def unit_of(loop: OpenLoopReplay, kp: float = 60.0) -> np.ndarray:
 @pytest.mark.parametrize("kp", [60.0, 40.0])
 def test_what_is_pushed_goes_along_whatever_the_parameters_are(pushed, kp):
     loop, readings, block = pushed
-    read = loop.states_of(readings, unit_of(loop, kp), np.zeros(1))
+    unit = unit_of(loop, kp)
+    read = loop.carried(loop.states_of(readings, unit, np.zeros(1)), unit)
     assert block[-1] > 0.2
     np.testing.assert_allclose(read.states[0, :, BLOCK], block, atol=0.02)
 

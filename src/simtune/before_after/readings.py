@@ -65,17 +65,27 @@ def replay(
     loop = OpenLoopReplay.of(simulator, observation, start)
     joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
     readings = Readings.of(trajectories, joints)
-    offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])
     before = replay_whole(loop, readings, space.to_unit(start), np.zeros(len(labels)))
-    late = readings.delayed(tuned.latency_steps)
-    unit = np.append(space.to_unit(tuned.mean), Lateness.unit(tuned.late_s / simulator.step_s))
-    after = replay_whole(loop.with_lateness(), late, unit, offsets)
+    late_loop, late, unit, offsets = as_tuned(loop, readings, observation, tuned)
+    after = replay_whole(late_loop, late, unit, offsets)
     # Until actions take effect it stands where the replay begins
     steps = np.maximum(np.arange(after.shape[1]) - tuned.latency_steps, 0)
     after = after[:, steps]
     return Replayed(
         labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after
     )
+
+
+def as_tuned(
+    loop: OpenLoopReplay, readings: Readings, observation: ObservationModel, tuned: Tuned
+) -> tuple[OpenLoopReplay, Readings, np.ndarray, np.ndarray]:
+    """What `replay_whole` replays: a loop with lateness, readings beside actions, unit, offsets."""
+    offsets = [tuned.offsets.get(label, 0.0) for label in observation.reading_labels]
+    physics = loop.physics
+    late = Lateness.unit(tuned.late_s / physics.simulator.step_s)
+    unit = np.append(physics.parameters.to_unit(tuned.mean), late)
+    delayed = readings.delayed(tuned.latency_steps)
+    return loop.with_lateness(), delayed, unit, np.array(offsets)
 
 
 def _rms(residuals: np.ndarray) -> np.ndarray:

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from simtune.before_after.readings import Replayed, Tuned, replay
+from simtune.before_after.readings import Replayed, Tuned, as_tuned, replay
 from simtune.checking.replayed_contacts import Touching, in_words, touching
 from simtune.config import TuneConfig
 from simtune.errors import InputError
-from simtune.fit import Lateness, OpenLoopReplay, Readings
+from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.whole_episodes import begin_whole
 from simtune.observation import ObservationModel, assumed_noise, finds_offset, joints_of
 from simtune.real.observed import observed, open_recordings
@@ -113,11 +113,9 @@ def _touching(
     tuned: Tuned,
 ) -> list[Touching]:
     """What touches in replays of these episodes, as tuned; see `before_after.readings.replay`."""
-    loop = OpenLoopReplay.of(simulator, seen, start).with_lateness()
-    readings = Readings.of(trajectories, loop.sensors).delayed(tuned.latency_steps)
-    offsets = np.array([tuned.offsets.get(label, 0.0) for label in seen.reading_labels])
-    late = Lateness.unit(tuned.late_s / simulator.step_s)
-    unit = np.append(simulator.space.to_unit(tuned.mean), late)
+    loop = OpenLoopReplay.of(simulator, seen, start)
+    readings = Readings.of(trajectories, loop.sensors)
+    loop, readings, unit, offsets = as_tuned(loop, readings, seen, tuned)
     whole, states = begin_whole(loop, readings, unit, offsets)
     return touching(loop, whole, states, unit)
 

@@ -45,9 +45,9 @@ class Physics:
 
     def finer(self) -> "Physics | None":
         """The same with half the physics timestep; None: see `Simulator.finer`."""
-        physics = copy.copy(self)
         if (simulator := self.simulator.finer()) is None:
             return None
+        physics = copy.copy(self)
         physics.simulator = simulator
         return physics
 

@@ -79,14 +79,14 @@ class OpenLoopReplay:
             if not np.array_equal(state[place : place + 3], another[place : place + 3]):
                 state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
-        measured = measured_places(sensors)
-        gliding = gliding_joints(simulator.model, measured)
+        places = measured_places(sensors)
+        gliding = gliding_joints(simulator.model, places)
         glides = simulator.model.jnt_qposadr[gliding]
         if differs[glides].any():
             trees = simulator.model.body_treeid[simulator.model.jnt_bodyid[gliding]]
             simulator = simulator.without_contacts(np.isin(simulator.model.body_treeid, trees))
         physics = Physics(simulator, observation.observe_beside(), full_state)
-        differs[[*measured, *glides]] = False
+        differs[[*places, *glides]] = False
         unseen = _unseen(simulator.model, differs)
         elsewhere = np.where(np.pad(differs, (0, simulator.model.nv)), another, np.nan)
         fitted = np.flatnonzero(~simulator.space.is_appearance)
@@ -151,8 +151,21 @@ class OpenLoopReplay:
         at_most: int | None = None,
     ) -> Stretches:
         """Stretches of `steps` steps, see `Segments.evenly`; `unit`: (N,)."""
-        segments = Segments.evenly(readings, steps, at_most)
-        return self.states_of(readings, unit, offsets).cut(segments)
+        return self.cut_at(readings, unit, offsets, Segments.evenly(readings, steps, at_most))
+
+    def cut_at(
+        self,
+        readings: Readings,
+        unit: np.ndarray,
+        offsets: np.ndarray,
+        segments: Segments,
+        goes_on: bool = False,
+    ) -> Stretches:
+        """Stretches of these segments; `goes_on`: see `Stretches`."""
+        read = self.states_of(readings, unit, offsets)
+        if segments.begin.any() and not goes_on:  # else a replay leads to later ones
+            read = self.carried(read, unit)
+        return read.cut(segments, goes_on)
 
     def states_of(self, readings: Readings, unit: np.ndarray, offsets: np.ndarray) -> ReadStates:
         """States that readings with (D,) `offsets` give, in a world of (N,) parameters."""
@@ -163,11 +176,17 @@ class OpenLoopReplay:
             states = self.physics.space.move(states, Lateness.steps(unit[-1]) * by_step)
             drift = Lateness.steps_per_unit() * by_step
         left = self.physics.replay_actuators(readings.actions, states, parameters)
-        if self.measured.goes_on.any():
-            states = carried(
-                self.physics, states, readings.actions, left, parameters, self.measured.goes_on
-            )
         return ReadStates(readings, states, left, drift)
+
+    def carried(self, read: ReadStates, unit: np.ndarray) -> ReadStates:
+        """With what no sensor measures as it was carried along; see `unmeasured`."""
+        goes_on, parameters = self.measured.goes_on, self._parameters(unit)
+        if not goes_on.any():
+            return read
+        _, states, left, _ = read
+        actions = read.readings.actions
+        states = carried(self.physics, states, actions, left, parameters, goes_on)
+        return read._replace(states=states)
 
     def play(
         self, stretches: Stretches, states: np.ndarray, units: np.ndarray

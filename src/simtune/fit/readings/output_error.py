@@ -70,9 +70,8 @@ class OutputErrorMethod:
         """
         loop = self._loop
         segments = stage.segments_of(readings)
-        stretches = loop.states_of(readings, begin.unit, begin.offsets).cut(
-            segments, goes_on=stage.segments is not None
-        )
+        goes_on = stage.segments is not None
+        stretches = loop.cut_at(readings, begin.unit, begin.offsets, segments, goes_on)
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         derived_s = self.num_worlds * (time.monotonic() - began_s)
