@@ -249,7 +249,7 @@ def test_columns_that_are_exchanged_are_told_by_whose_command_is_followed(factor
         Watched(name, "m", asked[name], [factor * reads(c) for c in asked[read[name]]], STEP_S)
         for name in asked
     ]
-    seen = [look_at(joint, 0.001, joints) for joint in joints]
+    seen = [look_at(joint, joints) for joint in joints]
     for its, (name, other) in zip(seen, [("elbow", "wrist"), ("wrist", "elbow")], strict=False):
         (said,) = grouped(its.doubts)
         assert said.startswith(f"{name} follows {other}'s command, its own with a correlation of ")
@@ -265,7 +265,7 @@ def test_joints_with_the_same_doubt_share_a_sentence():
     read = {"hip": [57.3 * reads(c) for c in asked], "knee": [0.2 + 0 * reads(c) for c in asked]}
     read |= {name: [factor * reads(c) for c in asked] for name, factor in (("a", 57), ("b", 58))}
     joints = [Watched(name, "rad", asked, its, STEP_S) for name, its in read.items()]
-    first, second = grouped(d for joint in joints for d in look_at(joint, 0.001).doubts)
+    first, second = grouped(d for joint in joints for d in look_at(joint).doubts)
     assert first.startswith("hip moves 57.3 times as far as its command: are its readings degrees?")
     assert first.endswith("(likewise a, b)")
     assert second.startswith("knee reads 0.2 rad all the time")
@@ -286,7 +286,7 @@ def test_joints_with_the_same_doubt_share_a_sentence():
 def test_a_unit_and_a_sign_are_one_line_to_write(factors, sensor, line):
     asked = commands()
     seen = [
-        look_at(Watched(name, "m", asked, [f * reads(c) for c in asked], STEP_S), 0.001)
+        look_at(Watched(name, "m", asked, [f * reads(c) for c in asked], STEP_S))
         for name, f in zip("xy", factors, strict=True)
     ]
     pusher = encoder("pusher", ("x", "y"), sensor)

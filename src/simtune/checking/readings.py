@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simtune.checking.reading_errors import of_recorded, of_simulated
-from simtune.checking.servos.commands import commands_of, servos_of
 from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.fit import ServoResponse
 from simtune.checking.servos.following import Watched
@@ -16,10 +15,11 @@ from simtune.checking.servos.joint_ranges import CERTAINLY_WIDER, WIDER, beyond_
 from simtune.checking.servos.look import FEWEST_STEPS, SeenJoint, look_at
 from simtune.checking.servos.lost import missing
 from simtune.checking.servos.picture import Curve
+from simtune.checking.servos.watch import watched
 from simtune.fit import Readings
 from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed
-from simtune.observation import ObservationModel, assumed_noise, joints_of, units_of
+from simtune.observation import ObservationModel, joints_of
 from simtune.real.recorded import read_episode
 from simtune.recordings import Dataset
 from simtune.simulation import Simulator
@@ -30,7 +30,7 @@ class ReadEpisodes(NamedTuple):
     """Recorded readings, and how their joints follow commands."""
 
     trajectories: list[Trajectory]  # without pictures
-    servos: dict[str, ServoResponse]  # by reading
+    servos: dict[str, ServoResponse]  # by reading, in its unit
     curves: dict[str, Curve]  # of the first episode that is long enough
     facts: dict[str, Any]  # JSON
     warnings: list[str]
@@ -57,50 +57,23 @@ def look_at_servos(
     sensors = joints_of(observation.sensors)
     read = Readings.of(trajectories, sensors).values
     found = missing(observation.reading_labels, read, [len(t) for t in trajectories], names)
-    joints = _watched(trajectories, simulator, observation, read, names)
+    joints, lost = watched(trajectories, simulator, observation, read, names)
     is_long = any(len(t) >= FEWEST_STEPS for t in trajectories)
     others = [joint for joint in joints if joint]
-    seen = [
-        look_at(joint, noise, others) if joint and is_long else None
-        for joint, noise in zip(joints, assumed_noise(sensors), strict=True)
-    ]
+    seen = [look_at(joint, others) if joint and is_long else None for joint in joints]
     by_name = {joint.name: its for joint, its in zip(joints, seen, strict=True) if joint and its}
-    for its in by_name.values():
-        found += its.lost
-    found += grouped(doubt for its in by_name.values() for doubt in its.doubts)
+    of_speeds = {joint.name for joint in others if joint.positions}
+    found += lost + grouped(doubt for its in by_name.values() for doubt in its.doubts)
     found += gains_to_write(sensors, [its.misread_by if its else None for its in seen])
     wider = [_wider(joint, its) for joint, its in zip(joints, seen, strict=True)]
     return ReadEpisodes(
         trajectories,
-        servos={name: its.servo for name, its in by_name.items()},
+        servos={name: its.servo for name, its in by_name.items() if name not in of_speeds},
         curves={name: its.curve for name, its in by_name.items()},
         facts={name: its.facts() for name, its in by_name.items()},
         warnings=found,
         beyond_ranges=beyond_ranges(simulator.model, sensors, read, wider),
     )
-
-
-def _watched(
-    trajectories: list[Trajectory],
-    simulator: Simulator,
-    observation: ObservationModel,
-    read: np.ndarray,
-    names: Sequence[str],
-) -> list[Watched | None]:
-    """For each of D readings the joint that actions command, or None; `read`: (E, T + 1, D)."""
-    sensors = joints_of(observation.sensors)
-    servos = servos_of(simulator, sensors)
-    commands = commands_of(simulator, sensors, trajectories) if any(servos) else []
-    found = list[Watched | None]()
-    for column, servo in enumerate(servos):
-        if servo is None:
-            found.append(None)
-            continue
-        name, unit = observation.reading_labels[column], units_of(sensors)[column]
-        asked = [servo.targets(c) for c in commands]
-        measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
-        found.append(Watched(name, unit, asked, measured, simulator.step_s, names))
-    return found
 
 
 def _wider(joint: Watched | None, seen: SeenJoint | None) -> float:

@@ -1,4 +1,4 @@
-"""Which actuators are servos of positions, and where a control sends a joint."""
+"""Which actuators are servos, and where, or how fast, a control sends a joint."""
 
 import mujoco
 import numpy as np
@@ -17,13 +17,21 @@ def position_servos(model: mujoco.MjModel) -> np.ndarray:
     return pulls & np.isin(model.actuator_dyntype, FOLLOWS)
 
 
-def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:
-    """A position servo sends its joint to `shift` + `factor` · control: (shift, factor).
+def velocity_servos(model: mujoco.MjModel) -> np.ndarray:
+    """(nactuator,) bool: whether a force brings a joint to the speed that the control says."""
+    bias = model.actuator_biasprm
+    brakes = (model.actuator_biastype == _AFFINE) & (bias[:, 1] == 0) & (bias[:, 2] < 0)
+    return brakes & np.isin(model.actuator_dyntype, FOLLOWS)
 
-    Its gear must not be 0.
+
+def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:
+    """A servo sends its joint to the position, or speed, `shift` + `factor` · control.
+
+    Returns (shift, factor). Its gear must not be 0.
     """
     gear = model.actuator_gear[model.actuator_outadr[servo], 0]
-    per_length = 1 / (-model.actuator_biasprm[servo, 1] * gear)
+    bias = model.actuator_biasprm[servo]
+    per_length = 1 / (-(bias[1] or bias[2]) * gear)
     bias, gain = model.actuator_biasprm[servo, 0], model.actuator_gainprm[servo, 0]
     return float(bias * per_length), float(gain * per_length)
 

@@ -1,4 +1,4 @@
-"""Servo commands of actions: controls, as angles and lengths of joints."""
+"""Servo commands of actions: controls, as angles, lengths or speeds of joints."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,33 +9,39 @@ from mujoco.batch import Batch
 
 from simtune.observation import JointSensor
 from simtune.simulation import Simulator
-from simtune.simulation.servos import control_limits, joint_target, position_servos
+from simtune.simulation.servos import (
+    control_limits,
+    joint_target,
+    position_servos,
+    velocity_servos,
+)
 from simtune.trajectory import Trajectory
 
 _CHUNK = 256  # worlds whose controls are computed at once
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 
 
-class PositionServo(NamedTuple):
-    """A position servo: its joint's target is shift + factor · control."""
+class Servo(NamedTuple):
+    """A servo: its joint's target, a position or a speed, is shift + factor · control."""
 
     control: int
     factor: float
     shift: float
     limits: tuple[float, float]
+    of_speed: bool
 
     def targets(self, controls: np.ndarray) -> np.ndarray:
         """(T,) target of the joint for (T, nu) controls."""
         return self.shift + self.factor * np.clip(controls[:, self.control], *self.limits)
 
 
-def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[PositionServo | None]:
-    """For each reading the servo that actions command, or None."""
+def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Servo | None]:
+    """For each reading the servo that actions command, or None, as for speeds at a position's."""
     by_joint = _by_joint(simulator)
+    found = [(s.is_velocity, by_joint.get(joint)) for s in sensors for joint in s.joints]
     return [
-        None if sensor.is_velocity else by_joint.get(joint)
-        for sensor in sensors
-        for joint in sensor.joints
+        None if servo is None or (is_velocity and not servo.of_speed) else servo
+        for is_velocity, servo in found
     ]
 
 
@@ -44,7 +50,7 @@ def commanded_spans(simulator: Simulator, actions: Sequence[np.ndarray]) -> dict
 
     Empty for actions that displace joints from where they are.
     """
-    servos = _by_joint(simulator)
+    servos = {name: its for name, its in _by_joint(simulator).items() if not its.of_speed}
     if simulator.action_mapping.is_relative or not servos:
         return {}
     batch, together = Batch(simulator.model, _CHUNK), np.concatenate(list(actions))
@@ -53,10 +59,11 @@ def commanded_spans(simulator: Simulator, actions: Sequence[np.ndarray]) -> dict
     return {name: float(np.ptp(servo.targets(controls))) for name, servo in servos.items()}
 
 
-def _by_joint(simulator: Simulator) -> dict[str, PositionServo]:
-    """The servos that actions command, by the names of their joints."""
+def _by_joint(simulator: Simulator) -> dict[str, Servo]:
+    """The servos that actions command, by the names of their joints; of two the position's."""
     model, commanded = simulator.model, simulator.action_mapping.names
-    are_servos, by_joint = position_servos(model), dict[str, PositionServo]()
+    of_speed, by_joint = velocity_servos(model), dict[str, Servo]()
+    are_servos = position_servos(model) | of_speed
     for i in np.flatnonzero(model.actuator_ctrlnum == 1):
         control, output = int(model.actuator_ctrladr[i]), model.actuator_outadr[i]
         gear = model.actuator_gear[output, 0]
@@ -64,10 +71,12 @@ def _by_joint(simulator: Simulator) -> dict[str, PositionServo]:
         moves_joint = model.actuator_trntype[i] == _JOINT
         if not (is_commanded and are_servos[i] and moves_joint and gear):
             continue
+        name = model.joint(int(model.actuator_trnid[i, 0])).name
+        if name in by_joint and of_speed[i]:
+            continue
         shift, factor = joint_target(model, int(i))
-        by_joint[model.joint(int(model.actuator_trnid[i, 0])).name] = PositionServo(
-            control, factor, shift, control_limits(model, control)
-        )
+        limits = control_limits(model, control)
+        by_joint[name] = Servo(control, factor, shift, limits, bool(of_speed[i]))
     return by_joint
 
 

@@ -6,20 +6,29 @@ import numpy as np
 
 from simtune.checking.servos.doubt import Doubt
 from simtune.checking.servos.fit import ServoResponse, delayed_by, predict
-from simtune.checking.servos.following import Following, Watched, followed_instead
+from simtune.checking.servos.following import (
+    HARDLY,
+    Following,
+    Watched,
+    followed_instead,
+    follows,
+)
 from simtune.columns import episode_in_words
 
 _MOVED = 0.05  # of what is commanded: a joint that moves less stands still
 _STUCK_S = 0.7  # with exactly the same reading
 _STUCK_COMMANDED = 0.15  # of the commanded travel, in the meantime
-_HARDLY = 0.4
 _SCALE = 1.25  # factor within which two slopes may be the same
 _LESS = 2.0  # the same, towards smaller slopes: contacts shorten a joint's way
 _FAR = (0.5, 0.75)  # of the way to the farthest command: near below, far above
 _SHORT, _CLEARLY = 0.1, 4.0  # of that way; factor on the residuals near by
 _FEWEST = 20  # frames far out
+_COUNTS = 3.0  # times as fast as commanded, and faster: no motor is
+_VELOCITIES = 0.1  # by which readings follow commanded speeds better than their changes do
 _DEGREES = 180 / np.pi
 _UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
+_UNITS |= {f"{unit}/s": its for unit, its in _UNITS.items()}
+_RPM = 30 / np.pi
 
 
 def doubts(
@@ -34,18 +43,18 @@ def doubts(
         says = f"reads {value:.4g} {unit} all the time, while it is commanded over"
         asks = "is the sensor stuck, or another column meant?"
         return [_doubt(joint, f"{says} {servo.commanded:.3g} {unit}", asks)]
-    if odd := _other_scale(joint, following):
+    if odd := _are_velocities(joint, servo, following) or _other_scale(joint, following):
         return [odd]
     if servo.travel < _MOVED * servo.commanded:
         asks = "is it switched on, and this its column?" + _in_other_unit(unit, servo)
         says = f"does not move, though commanded over {servo.commanded:.3g} {unit}: it reads within"
         return [_doubt(joint, f"{says} {servo.travel:.2g} {unit}", asks, "; ")]
     found = _stuck(joint, servo)
-    if abs(following.correlation) < _HARDLY:
-        if other := followed_instead(joint, servo, others):
-            own = f"its own with a correlation of {following.correlation:.2f}"
-            says, asks = f"follows {other}'s command, {own}", "are columns exchanged?"
-            return [*found, _doubt(joint, says, asks)._replace(likewise=f"{name} {other}'s")]
+    if other := followed_instead(joint, servo, following, others):
+        own = f"its own with a correlation of {following.correlation:.2f}"
+        says, asks = f"follows {other}'s command, {own}", "are columns exchanged?"
+        return [*found, _doubt(joint, says, asks)._replace(likewise=f"{name} {other}'s")]
+    if abs(following.correlation) < HARDLY:
         says = f"hardly follows its command (correlation {following.correlation:.2f})"
         return [*found, _doubt(joint, says, "is it another joint's column?")]
     return found + _falls_short(joint, servo)
@@ -67,6 +76,8 @@ def misread_by(unit: str, following: Following) -> float | None:
     size = abs(following.slope)
     if factor / _SCALE < 1 / size < factor * _LESS:
         return 1.0  # or actions are
+    if size > _COUNTS and unit.endswith("/s") and not _is_in_unit(size, factor):
+        return None
     return np.sign(following.slope) * (factor if _is_in_unit(size, factor) else 1.0)
 
 
@@ -79,22 +90,48 @@ def _in_other_unit(unit: str, servo: ServoResponse) -> str:
     return f" Or are these {unit}, and the sensor says {other}?" * is_alike
 
 
+def _are_velocities(joint: Watched, servo: ServoResponse, following: Following) -> Doubt | None:
+    """Readings that are taken for positions, and follow commanded speeds themselves."""
+    if not joint.positions:
+        return None
+    own = follows(joint._replace(measured=joint.positions), servo)
+    if not own.is_clear or abs(own.correlation) < abs(following.correlation) + _VELOCITIES:
+        return None
+    says = f"reads what follows its commanded speed (correlation {own.correlation:.2f})"
+    return _doubt(joint, says, 'are these velocities? give the sensor quantity = "velocity"')
+
+
 def _other_scale(joint: Watched, following: Following) -> Doubt | None:
     if not following.is_clear:
         return None
     size = abs(following.slope)
     also = "; the sign is reversed, too" * (following.slope < 0)
-    says = f"moves {following.slope:.3g} times as far as its command"
+    far = "fast" if joint.is_speed else "far"
+    says = f"moves {following.slope:.3g} times as {far} as its command"
     if joint.unit in _UNITS:
         factor, other, key = _UNITS[joint.unit]
         if _is_in_unit(size, factor):
             asks = f'are its readings {other}? give the sensor unit = "{key}"{also}'
             return _doubt(joint, says, asks)
         if factor / _SCALE < 1 / size < factor * _LESS:
-            where = f"{joint.unit} already, or are the actions {other}?"
+            own = joint.unit.removesuffix("/s" if joint.positions else "")
+            where = f"{own} already, or are the actions {other}?"
             return _doubt(joint, says, f"are its readings {where} see unit and [actions]{also}")
+    if joint.is_speed and (asks := _other_speed(joint, size)):
+        return _doubt(joint, says, f"{asks}{also}")
     if following.slope < 0:
         return _doubt(joint, says, "the sign of its readings, or of its actions, is reversed")
+    return None
+
+
+def _other_speed(joint: Watched, size: float) -> str | None:
+    """Asked of speeds that are so many times as large as commanded ones."""
+    if joint.unit == "rad/s" and _is_in_unit(1 / size, _RPM):
+        return f"are the actions turns a minute? give [actions] gain = {1 / _RPM:.4f}"
+    if joint.unit == "rad/s" and not joint.positions and _is_in_unit(size, _RPM):
+        return f"are its readings turns a minute? give the sensor gain = {1 / _RPM:.4f}"
+    if size > _COUNTS:
+        return "are its readings an encoder's counts? give the sensor a gain, rad or m of one count"
     return None
 
 

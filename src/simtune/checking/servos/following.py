@@ -9,6 +9,8 @@ from simtune.checking.servos.fit import Episodes, ServoResponse, delay_of, delay
 
 _FOLLOWS = 0.8  # correlation from which a joint follows its command
 _FOLLOWS_ONE_WAY = 0.6  # ... if with the other sign none is half as large, at any delay
+HARDLY = 0.4  # correlation below which a joint hardly does
+_LEAVES = 0.25  # of the variance that its own command leaves of a joint, if it follows another's
 _WAYS = 30  # delays at which readings are compared with commands
 
 
@@ -23,9 +25,17 @@ class Following(NamedTuple):
         size = abs(self.correlation)
         return size >= _FOLLOWS or (size >= _FOLLOWS_ONE_WAY and self.opposite < size / 2)
 
+    def leaves_less_than(self, other: "Following") -> bool:
+        """Whether it is clear, and much better."""
+        left, others = (1 - min(1, abs(its.correlation)) ** 2 for its in (self, other))
+        return self.is_clear and left < _LEAVES * others
+
 
 class Watched(NamedTuple):
-    """A joint's (T,) commands and (T + 1,) readings in each of the episodes, in `unit`."""
+    """A joint's (T,) commands and (T + 1,) readings in each of the episodes, in `unit`.
+
+    Speeds where its servo's commands are speeds, with the `positions` that were read, if any.
+    """
 
     name: str
     unit: str
@@ -33,6 +43,11 @@ class Watched(NamedTuple):
     measured: Episodes
     step_s: float
     episodes: Sequence[str] = ()  # their names
+    positions: Episodes | None = None  # (T + 1,) of which `measured` are the speeds
+
+    @property
+    def is_speed(self) -> bool:
+        return self.unit.endswith("/s")
 
 
 def follows(joint: Watched, servo: ServoResponse) -> Following:
@@ -55,13 +70,26 @@ def follows(joint: Watched, servo: ServoResponse) -> Following:
     return Following(correlation, slope, float(opposite))
 
 
-def followed_instead(joint: Watched, servo: ServoResponse, others: Sequence[Watched]) -> str | None:
-    """The joint whose command is clearly followed instead."""
-    found = [
-        (abs(following.correlation), other.name)
-        for other in others
-        if other.name != joint.name and other.unit == joint.unit
-        for following in [follows(joint._replace(commands=other.commands), servo)]
-        if following.is_clear
-    ]
+def followed_instead(
+    joint: Watched, servo: ServoResponse, own: Following, others: Sequence[Watched]
+) -> str | None:
+    """The joint whose command is clearly followed instead.
+
+    Where it follows its `own` somewhat, as wheels of a robot that drives ahead do, that joint has
+    to follow its command in turn, and either leaves much less so.
+    """
+    found = []
+    for other in others:
+        if other.name == joint.name or other.unit != joint.unit:
+            continue
+        crossed = follows(joint._replace(commands=other.commands), servo)
+        is_instead = crossed.is_clear and abs(own.correlation) < HARDLY
+        if is_instead or (crossed.leaves_less_than(own) and _is_mutual(joint, other, servo)):
+            found.append((abs(crossed.correlation), other.name))
     return max(found)[1] if found else None
+
+
+def _is_mutual(joint: Watched, other: Watched, servo: ServoResponse) -> bool:
+    """Whether the other joint follows this one's command rather than its own."""
+    theirs = follows(other._replace(commands=joint.commands), servo)
+    return theirs.leaves_less_than(follows(other, servo))

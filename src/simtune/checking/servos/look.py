@@ -8,7 +8,6 @@ from simtune.checking.servos.doubt import Doubt
 from simtune.checking.servos.doubts import doubts, misread_by
 from simtune.checking.servos.fit import ServoResponse, fit_servo, predict
 from simtune.checking.servos.following import Watched, follows
-from simtune.checking.servos.lost import without_lost_packets
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.play import find_play
 from simtune.run.files import plain
@@ -22,7 +21,6 @@ class SeenJoint(NamedTuple):
     servo: ServoResponse
     play: float | None  # from end to end, if it is clear
     curve: Curve  # in the first episode that is long enough
-    lost: list[str]  # warnings of lost packets
     doubts: list[Doubt]
     misread_by: float | None  # factor on its readings that they should not have, if that is clear
 
@@ -31,26 +29,18 @@ class SeenJoint(NamedTuple):
         return plain({"unit": self.curve.unit, **asdict(self.servo), "play": self.play})
 
 
-def look_at(joint: Watched, noise: float, others: Sequence[Watched] = ()) -> SeenJoint:
-    """`noise`: what is usual for its readings; `others`: joints whose column it may be.
-
-    At least one episode is long enough.
-    """
-    measured, lost = without_lost_packets(
-        joint.name, joint.unit, joint.commands, joint.measured, noise, joint.episodes
-    )
-    joint = joint._replace(measured=measured)
+def look_at(joint: Watched, others: Sequence[Watched] = ()) -> SeenJoint:
+    """`others`: joints whose column it may be. At least one episode is long enough."""
     long = [e for e, command in enumerate(joint.commands) if len(command) >= FEWEST_STEPS]
-    asked, measured = [joint.commands[e] for e in long], [measured[e] for e in long]
+    asked, measured = [joint.commands[e] for e in long], [joint.measured[e] for e in long]
     servo = fit_servo(asked, measured, joint.step_s)
-    play = find_play(servo, asked, measured, joint.step_s)
+    play = None if joint.is_speed else find_play(servo, asked, measured, joint.step_s)
     (predicted,) = predict(servo, asked[:1], joint.step_s)
     following = follows(joint, servo)
     return SeenJoint(
         servo,
-        play.width if play.is_clear(servo.noise) else None,
+        play.width if play and play.is_clear(servo.noise) else None,
         Curve(joint.unit, asked[0], measured[0], predicted, servo),
-        lost,
         doubts(joint, servo, following, others),
         misread_by=misread_by(joint.unit, following),
     )

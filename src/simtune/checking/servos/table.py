@@ -45,5 +45,7 @@ def _size(value: float | None, unit: str) -> str:
 
 
 def small(value: float | None, unit: str) -> str:
-    """In thousandths of the unit."""
-    return "–" if value is None or value != value else f"{1e3 * value:.1f} m{unit}"
+    """In thousandths of the unit, if it is less than that."""
+    if value is None or value != value:
+        return "–"
+    return f"{value:.2f} {unit}" if abs(value) >= 1 else f"{1e3 * value:.1f} m{unit}"
