@@ -6,18 +6,43 @@ from typing import cast
 import numpy as np
 import pytest
 
+from simtune.budget import Budget
 from simtune.fit import JointMotion, PointEstimate
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
+from simtune.real.observed import observed
+from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.readings import ReadingsSearch
 from simtune.tuning.readings_agreement import BestDescent
 from simtune.tuning.readings_estimate import ReadingsEstimate
 from simtune.tuning.readings_verdict import ReadingsFit
+from simtune.tuning.search import SearchContext
+from simtune.vision.keypoints import find_keypoints
 
 SPACE = ParameterSpace(
     [dynamics(n, "body_mass", (n,), nominal=1.0, unit="kg") for n in ("servo", "box")]
 )
+LEANING = """
+model = "scene.xml"
+control_timestep_s = 0.02
+
+[initial_state]
+kind = "distribution"
+
+[initial_state.joints]
+lean = { position = [-0.5, 0.5] }
+
+[[sensors]]
+name = "angle"
+joints = "elbow"
+
+[[parameters]]
+name = "mass"
+kind = "mass"
+objects = "arm"
+"""
 FIRST = Distribution.first(SPACE, SPACE.nominal)
 
 
@@ -154,3 +179,34 @@ def test_what_readings_tell_goes_with_their_offsets_and_warnings():
     alone = by_fit(read, is_trusted=False).combined_with(both)
     unused = "Joint readings alone had no say in the estimates: at a bound"
     assert (alone.offsets, alone.warnings) == ({"arm": 0.02}, [unused, "late"])
+
+
+@pytest.mark.parametrize(("arm", "is_fitted"), [("0 0 0", True), (".2 0 0", False)])
+def test_beside_video_readings_are_fitted_first_unless_they_show_where_a_base_begins(
+    tmp_path, monkeypatch, arm, is_fitted
+):
+    """A trunk leans as it likes; an arm that hangs to one side turns as the trunk leans."""
+    scene = f"""<mujoco><worldbody><body>
+      <joint name="lean" axis="1 0 0" stiffness="5"/><geom size=".1" mass="2"/>
+      <body name="arm" pos="0 0 .2"><joint name="elbow" axis="0 0 1" damping=".1"/>
+        <geom pos="{arm}" size=".05" mass=".2"/></body>
+    </body></worldbody><actuator><position name="elbow" joint="elbow" kp="5"/></actuator></mujoco>
+    """
+    (tmp_path / "scene.xml").write_text(scene)
+    (tmp_path / "tune.toml").write_text(LEANING)
+    task = load_task(str(tmp_path / "tune.toml"))
+    simulator, space = task.simulator(image_size=16), task.parameters
+    first = Distribution.first(space, space.nominal)
+    context = SearchContext(
+        simulator=simulator,
+        keypoints=find_keypoints(simulator, first, 0),
+        start=space.nominal,
+        observation=observed(task, None, is_simulated=False),
+        seed=0,
+    )
+    rests = {"angle": np.zeros((31, 1))}
+    frames, actions = np.zeros((31, 0, 0, 3), np.uint8), np.zeros((30, 1), np.float32)
+    fit = ReadingsFit(READ, SEEN, True, True, cast(BestDescent, None), np.zeros(1))
+    monkeypatch.setattr(ReadingsSearch, "fit", lambda *_: fit)
+    real = [Trajectory(frames, actions, 0.02, rests)] * 2
+    assert bool(ReadingsEstimate.fitted(context, real, Budget())) == is_fitted

@@ -25,11 +25,10 @@ class RecordedReplays:
         names: Sequence[str],
     ):
         nominal = where_analyzed(simulator.space)
-        self._loop = OpenLoopReplay.of(simulator, seen, nominal)
-        self._readings = Readings.of(trajectories, self._loop.sensors)
+        loop = OpenLoopReplay.of(simulator, seen, nominal)
+        self._readings = Readings.of(trajectories, loop.sensors)
         self._unit, self._names = simulator.space.to_unit(nominal), names
-        if not seen.cameras:
-            self._loop = self._loop.where_starts_show(self._readings, self._unit)
+        self._loop = loop.where_starts_show(self._readings, self._unit)
         # Readings alone are not replayed if pictures must say where a robot begins
         self._are_used = not (self._loop.unseen and seen.cameras)
 

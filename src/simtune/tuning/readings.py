@@ -93,7 +93,7 @@ class ReadingsSearch:
 
     def measure_time(self, real: list[Trajectory]) -> TimeNeeded:
         """The smallest sound round derives once at each horizon, and twice in whole episodes."""
-        readings, loop = self._look_at(real)
+        readings, loop = self.look_at(real)
         unit, method = self._begin(loop), self._method(loop)
         stretches = loop.cut(readings, unit, np.zeros(loop.measured.num_readings))
         began_s = time.monotonic()
@@ -133,7 +133,7 @@ class ReadingsSearch:
         """Fit, from what the last round found if there was one, and judge."""
         if not (budget.is_endless or self._derived_s):
             self.measure_time(real)
-        readings, loop = self._look_at(real)
+        readings, loop = self.look_at(real)
         method = self._method(loop)
         found, late = self._find(method, readings, budget)
         budget.report("judging how sure that is", 0.9)
@@ -179,8 +179,10 @@ class ReadingsSearch:
         """Whether actions or readings may be."""
         return self._context.observation.unknown_latency_steps(self._simulator) > 0
 
-    def _look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
-        loop = OpenLoopReplay.of(self._simulator, self._context.observation, self._context.start)
+    def look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
+        """Readings of these episodes, and what replays them."""
+        seen = self._context.observation
+        loop = OpenLoopReplay.of(self._simulator, seen, self._context.start)
         loop = loop.with_lateness() if self._may_be_late else loop
         readings = Readings.of(real, loop.sensors)
         return readings, loop.where_starts_show(readings, self._begin(loop))

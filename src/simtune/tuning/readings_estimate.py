@@ -60,21 +60,20 @@ class ReadingsEstimate:
     ) -> "ReadingsEstimate | None":
         """None if nothing is read, or nothing moves that readings could show.
 
-        Also None if unmeasured joints begin anywhere, such as a walker's torso, or if the `budget`
-        is too short to replay whole episodes: windows are replayed then, of which pictures show the
-        states, too.
+        Also None if joints that nothing measures begin anywhere and readings show where, such as a
+        walker's torso, or if the `budget` is too short to replay whole episodes: windows are
+        replayed then, of which pictures show the states, too.
         """
         simulator, seen = context.simulator, context.observation
         is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
         if not is_readable or not isinstance(simulator, Simulator):
             return None
-        loop = OpenLoopReplay.of(simulator, seen, context.start)
-        if loop.unseen:
+        search = ReadingsSearch(context)
+        if search.look_at(real)[1].unseen:
             return None
-        joints = None
+        loop, joints = OpenLoopReplay.of(simulator, seen, context.start), None
         if loop.measured.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
-        search = ReadingsSearch(context)
         if not budget.is_endless and search.measure_time(real).least_s > budget.seconds_left:
             return None
         return cls(search.fit(real, budget), joints)
