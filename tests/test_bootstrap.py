@@ -77,7 +77,7 @@ def a_fit(
 
 def refits_of(errors: np.ndarray) -> Refits:
     is_moving = ~np.isin(np.arange(len(SPACE)), APPEARANCE)
-    return Refits(errors, is_moving, [a_fit().misfit] * len(errors))
+    return Refits(errors, is_moving, [a_fit().misfit] * len(errors), a_fit().std)
 
 
 class FakeReplayFit:
@@ -467,7 +467,8 @@ def test_a_real_camera_widens_intervals_by_its_discrepancy():
     # Refits that all find the truth do not know what the camera does.
     factor = refits.inflation()
     assert factor.max() < 0.7
-    exact = calibrated(replace(fit, std=np.full(len(SPACE), 0.001)), refits, SPACE).std
+    sure = np.full(len(SPACE), 0.001)
+    exact = calibrated(replace(fit, std=sure), replace(refits, usual_std=sure), SPACE).std
     of_motion = np.hypot(0.001 * factor, filmed)
     np.testing.assert_allclose(exact, np.where(fit.is_moving, of_motion, filmed))
 
@@ -535,7 +536,7 @@ def test_colours_that_are_known_say_nothing_of_how_well_others_are_found():
     )
     np.testing.assert_array_equal(made.errors[:, known], 0)
     some = replace(made, errors=np.delete(made.errors, known, 1), unfitted=np.zeros(0, int))
-    some = replace(some, is_moving=np.delete(made.is_moving, known), usual_std=None)
+    some = replace(some, is_moving=np.delete(made.is_moving, known))
     np.testing.assert_allclose(np.delete(made.inflation(), known), some.inflation())
 
 
@@ -544,7 +545,7 @@ def test_what_is_held_says_nothing_of_how_well_the_rest_is_found():
     errors = 4.0 * np.random.default_rng(0).normal(size=(6, len(SPACE)))
     held = MOVING[:-1]
     errors[:, held] = 0.1
-    usual = Refits(errors, a_fit().is_moving)
+    usual = refits_of(errors)
     told = replace(usual, unfitted=held)
     alone = replace(
         usual, errors=np.delete(errors, held, 1), is_moving=np.delete(a_fit().is_moving, held)

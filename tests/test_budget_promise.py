@@ -16,7 +16,7 @@ from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
 from simtune.fit import FitConfig, ParticleConfig, Refits
 from simtune.tuning.fit_stage import FitStage
-from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings_first import ReadingsFirst
 from simtune.tuning_run import tune
 
 # Of a round of `simtune tune` it takes a fifth for networks and most for fits, on two cores.
@@ -154,7 +154,13 @@ def test_readings_that_take_longer_than_their_time_are_left_to_windows(tmp_path:
         machine.take_over(patch)
         experiment = build_experiment(config)
         began_s = machine.now_s
-        given = experiment.context, experiment.recordings
-        assert ReadingsEstimate.fitted(*given, Budget(20.0)) is None
+        real, first = experiment.recordings, ReadingsFirst(experiment.context)
+        first._fit(real, Budget(20.0))
         assert machine.now_s - began_s < 20
-        assert ReadingsEstimate.fitted(*given, Budget(2000.0)) is not None
+        (said,) = first.warnings
+        assert " s were left for it" in said
+        assert "--observe joints" in said
+        assert first._estimate is None
+        first._fit(real, Budget(2000.0))
+        assert first._estimate is not None
+        assert first.warnings == []

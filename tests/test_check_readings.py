@@ -318,6 +318,7 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     dataset = open_recordings(recorded, task, CheckConfig(task="x", real=recorded), 16, seen)
     simulator = task.simulator(image_size=16, step_s=STEP_S)
     real = read_episodes(dataset, 3, simulator, seen).trajectories
+    real[1].readings["arm"][30] = 1e5
     search = SimpleNamespace(
         measure_time=lambda _: TimeNeeded(1.0, 1.0, 0.1, ""), stop_reason="done"
     )
@@ -325,6 +326,7 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     begun = SimpleNamespace(
         warnings=lambda _: ["a film"],
         recordings=real,
+        real=SimpleNamespace(facts={"names": ["episode 4", "episode 6", "episode 7"]}),
         search=search,
         search_name="posterior",
         simulator=simulator,
@@ -338,9 +340,10 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     tune(config, settings=cast(Settings, object()))
     _, found, warnings, _ = ended.finish.call_args.args
     assert "servo_gain" in found["check"]
-    film, said = warnings
+    film, lost, said = warnings
+    assert "reads 1e+05 rad at step 30 of episode 6 " in lost
     assert 'are its readings degrees? give the sensor unit = "deg"' in said
-    assert [film, said] == [record.getMessage() for record in caplog.records][:2]
+    assert [film, lost, said] == [record.getMessage() for record in caplog.records][:3]
 
 
 def test_check_without_a_camera(tmp_path):

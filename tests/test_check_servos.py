@@ -6,7 +6,7 @@ import pytest
 from simtune.checking.servos.commands import _without_gaps
 from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.doubts import doubts
-from simtune.checking.servos.fit import ServoResponse, delayed_by, filtered_by, fit_servo, noise_of
+from simtune.checking.servos.fit import ServoResponse, delayed_by, filtered_by, fit_servo
 from simtune.checking.servos.following import Following, Watched, follows
 from simtune.checking.servos.gains import gains_to_write
 from simtune.checking.servos.look import look_at
@@ -70,25 +70,67 @@ def test_a_filtered_ramp_is_late_by_the_time_constant_in_the_end():
     np.testing.assert_array_equal(filtered_by(ramp, 0), ramp)
 
 
-def test_noise_by_second_differences():
-    rng = np.random.default_rng(0)
-    ramp = 0.1 * np.arange(20_000)
-    assert noise_of([ramp + 0.02 * rng.normal(size=20_000)]) == pytest.approx(0.02, rel=0.03)
-    # 1.4826 · median |0, 3, −6, 3| / √6
-    assert noise_of([np.array([0, 0, 0, 3.0, 0, 0])]) == pytest.approx(1.4826 * 3 / np.sqrt(6))
-    assert np.isnan(noise_of([np.full(4, np.nan)]))
-
-
 def test_how_rough_readings_are_tells_their_noise_while_a_joint_moves():
     rng = np.random.default_rng(0)
     quick = [np.sin(0.4 * np.arange(400) + phase) for phase in (0, 1, 2)]
     read = [values + 1e-3 * rng.normal(size=400) for values in quick]
-    assert noise_of(read) > 0.03
     assert roughness(read) == pytest.approx(1e-3, rel=0.3)
+    ramp = 0.1 * np.arange(20_000) + 0.02 * rng.normal(size=20_000)
+    assert roughness([ramp]) == pytest.approx(0.02, rel=0.05)
     resting = [np.where(np.arange(400) < 300, 0.0, 2e-3 * (np.arange(400) % 3))]
     assert roughness(resting) == pytest.approx(2e-3 / np.sqrt(12)), "no finer than its steps"
     assert np.isnan(roughness([np.full(9, 0.5)]))
     assert np.isnan(roughness([np.full(9, np.nan)]))
+
+
+ROWS = np.arange(1200)
+
+
+@pytest.mark.parametrize(
+    "spread",
+    [
+        lambda read: np.where(ROWS % 2, np.nan, read),
+        lambda read: np.where(ROWS % 4, np.nan, read),
+        lambda read: np.where(ROWS % 7 < 2, np.nan, read),
+        lambda read: read[ROWS // 2 * 2],
+        lambda read: read[ROWS // 4 * 4],
+        lambda read: np.interp(ROWS, ROWS[::2], read[::2]),
+        lambda read: np.interp(ROWS, ROWS[::3], read[::3]),
+        lambda read: np.interp(ROWS, ROWS[::4], read[::4]),
+        lambda read: np.interp(ROWS / 1.2, ROWS, read),  # 25 Hz at 30 Hz
+        lambda read: np.interp(ROWS / 1.7, ROWS, read),
+        lambda read: np.interp(ROWS / 2.4, ROWS, read),
+    ],
+    ids=[
+        "empty2",
+        "empty4",
+        "lost",
+        "held2",
+        "held4",
+        "straight2",
+        "straight3",
+        "straight4",
+        "rate1.2",
+        "rate1.7",
+        "rate2.4",
+    ],
+)
+@pytest.mark.parametrize(("noise", "step"), [(5e-3, 0.0), (2e-3, 5e-3)])
+def test_held_interpolated_and_empty_rows_hide_no_noise(spread, noise, step):
+    """Of a joint that swings at .4 Hz, read 50 times a second or less."""
+    rng = np.random.default_rng(0)
+    moves = [np.sin(0.05 * ROWS + phase) + noise * rng.normal(size=len(ROWS)) for phase in (0, 2)]
+    read = [np.round(its / step) * step if step else its for its in moves]
+    true = np.hypot(noise, step / np.sqrt(12))
+    assert 0.6 * true < roughness([spread(its) for its in read]) < 2 * true
+
+
+def test_jerks_of_a_servo_are_no_noise():
+    """Steps every half second, read 50 times a second: what moves every fourth row is rough."""
+    rng = np.random.default_rng(0)
+    asked = [np.repeat(rng.uniform(-0.8, 0.8, 40), 25) for _ in range(2)]
+    read = [filtered_by(filtered_by(c, 3.0), 2.0) + 2e-3 * rng.normal(size=1000) for c in asked]
+    assert 1.8e-3 < roughness(read) < 4e-3
 
 
 @pytest.mark.parametrize("lag", [0.0, 1.0, 3.4, 11.7])
@@ -115,7 +157,7 @@ def test_a_first_order_lag_is_told_from_a_delay():
     assert servo.filtered_offset == pytest.approx(-0.01, abs=1e-3)
     assert servo.filtered_rms == pytest.approx(0.001, rel=0.2)
     assert servo.rms > 10 * servo.filtered_rms
-    assert 0.001 < servo.noise < 0.002  # what it moves in two steps counts, too
+    assert servo.noise == pytest.approx(0.001, rel=0.2)  # and not what it moves
     assert said_of(asked, read) == []
 
 

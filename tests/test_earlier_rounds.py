@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simtune.errors import InputError
 from simtune.fit import Refits
 from simtune.fit.result import Misfit
 from simtune.tuning.earlier_rounds import EarlierRounds
@@ -62,5 +63,8 @@ def test_it_survives_json():
     none = EarlierRounds.from_json(json.loads(json.dumps(EarlierRounds(refits(0)).to_json())))
     assert none.refits.errors.shape == (0, 3)
     assert none.estimate is None
-    unknown = replace(refits(2), usual_std=None)
-    assert Refits.from_json(unknown.to_json()).usual_std is None
+
+
+def test_what_an_older_version_wrote_is_said_to_be_of_one():
+    with pytest.raises(InputError, match=r"fields \(bootstrap, refits\): go on with the former"):
+        EarlierRounds.from_json({"bootstrap": None, "estimate": None})

@@ -22,7 +22,7 @@ from simtune.run.real_episodes import read_real, write_real
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.fit_stage import _scaled_as, _with_inflated_noise
-from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings_estimate import search_of
 from simtune.tuning.readings_first import ReadingsFirst
 
 JOINTS = {
@@ -91,15 +91,14 @@ def test_readings_alone_have_no_say_where_a_joint_begins_anywhere(tmp_path: Path
     """The spinner's angle is the camera's to tell, so whole episodes cannot be replayed."""
     config = TuneConfig(task="finger", out=tmp_path / "run", observe=BOTH, real_episodes=1)
     experiment = build_experiment(config)
-    budget = None  # which is not looked at
-    assert ReadingsEstimate.fitted(experiment.context, experiment.recordings, budget) is None
+    assert search_of(experiment.context, experiment.recordings) is None
 
 
 def test_readings_are_those_of_the_first_episodes_after_a_resumption_too(tmp_path, monkeypatch):
     """A policy's episodes come later, and first in the list."""
     config = TuneConfig(task="cartpole", out=tmp_path / "run", observe=BOTH, real_episodes=2)
     experiment, read = build_experiment(config), list[list[Trajectory]]()
-    monkeypatch.setattr(ReadingsEstimate, "fitted", lambda context, real, budget: read.append(real))
+    monkeypatch.setattr(ReadingsFirst, "_fit", lambda self, real, budget: read.append(real))
     real, budget = experiment.recordings, Budget()
     readings, resumed = (ReadingsFirst(experiment.context) for _ in range(2))
     readings.fit(real, 0.0, budget)

@@ -1,14 +1,17 @@
 """Recorded episodes that are not used."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
+import h5py
 import numpy as np
 import pytest
 
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.real.recorded import how_many
-from simtune.recordings import open_dataset
+from simtune.recordings import Dataset, open_dataset
 from simtune.recordings.lerobot import write_dataset
 from simtune.trajectory import Trajectory
 
@@ -64,3 +67,71 @@ def test_leaving_out_goes_with_recordings():
     assert CheckConfig(task="cartpole", leave_out="3, demo_4").left_out == ("3", "demo_4")
     with pytest.raises(InputError, match="--leave-out goes with recordings only"):
         TuneConfig(task="cartpole", out=Path("out"), leave_out="3").check()
+
+
+def table(rate: int = 10, name: str = "slide") -> str:
+    return "\n".join([f"time,{name}", *(f"{row / rate},{row}" for row in range(5))])
+
+
+@pytest.mark.parametrize(
+    "first", [table(rate=5), table(name="lift"), table().replace("0.2,2", "0.2,two")]
+)
+def test_a_table_that_is_left_out_decides_nothing(tmp_path, first):
+    for name, text in (("a", first), ("b", table()), ("c", table())):
+        (tmp_path / f"{name}.csv").write_text(text)
+    dataset = open_dataset(tmp_path, cameras=(), leave_out=["a"])
+    assert dataset.action_names == ("slide",)
+    assert dataset.step_s == pytest.approx(0.1)
+    for episode in range(2):
+        assert dataset.read(episode).actions.ravel().tolist() == [0, 1, 2, 3]
+    (tmp_path / "c.csv").write_text(table(name="lift"))
+    with pytest.raises(InputError, match=r"expected the columns of b\.csv \(time, slide\), got"):
+        dataset.read(1)
+
+
+@pytest.mark.parametrize("first", [{"hz": 5.0}, {"actions": np.zeros((5, 2))}, {"angle": 0}, None])
+def test_arrays_that_are_left_out_decide_nothing(tmp_path, first):
+    plain = {"hz": 10.0, "actions": np.ones((4, 1)), "angle": np.zeros((5, 1))}
+    for name, changed in (("a", first), ("b", {}), ("c", {})):
+        np.savez(tmp_path / f"{name}.npz", **cast(Any, plain | (changed or {})))
+    if first is None:
+        (tmp_path / "a.npz").write_bytes(b"cut")
+    given = {"cameras": (), "leave_out": ["a"], "readings": {"arm": ["angle"]}}
+    dataset = open_dataset(tmp_path, **given)
+    assert dataset.step_s == pytest.approx(0.1)
+    assert [dataset.read(episode).actions.shape for episode in range(2)] == [(4, 1)] * 2
+    np.savez(tmp_path / "c.npz", **cast(Any, plain | {"angle": np.zeros((5, 2))}))
+    with pytest.raises(InputError, match=r"expected 1 numbers of angle in a row, as in b\.npz"):
+        dataset.read(1)
+
+
+def test_a_demo_that_is_left_out_decides_nothing(tmp_path):
+    with h5py.File(tmp_path / "demos.hdf5", "w") as file:
+        for demo, width in enumerate((2, 1, 3)):
+            file[f"data/demo_{demo}/actions"] = np.zeros((5, width))
+            file[f"data/demo_{demo}/obs/angle"] = np.zeros((5, width))
+    given = {"cameras": (), "control_hz": 10.0, "readings": {"arm": ["angle"]}}
+    dataset = open_dataset(tmp_path, leave_out=["demo_0"], **given)
+    assert dataset.read(0).readings["arm"].shape == (5, 1)
+    with pytest.raises(InputError, match=r"expected actions \(T, 1\), as in demo_1, got"):
+        dataset.read(1)
+
+
+def test_episodes_are_not_compared_with_each_other():
+    """Which took seconds where there are many."""
+    compared = []
+
+    class Name(str):
+        __hash__ = str.__hash__
+
+        def __eq__(self, other: object) -> bool:
+            compared.append(other)
+            return super().__eq__(other)
+
+    names = [Name(number) for number in range(100)]
+    source = SimpleNamespace(
+        path=Path(), episodes=names, kept=range(1, 100), readings=[], fps=10.0, action_names=("a",)
+    )
+    dataset = Dataset(cast(Any, source))
+    assert (dataset.num_episodes, dataset.num_left_out) == (99, 1)
+    assert len(compared) < 10 * len(names)

@@ -128,7 +128,7 @@ def test_a_jpeg_may_be_padded_or_show_itself_small_in_its_header():
     exif = b"\xff\xe1" + (len(small) + 2).to_bytes(2, "big") + small
     expected = decode_picture(content)
     assert expected.shape == picture.shape
-    for other in (content + bytes(64), content[:2] + exif + content[2:]):
+    for other in (content + bytes(64), content + small[2:-2], content[:2] + exif + content[2:]):
         np.testing.assert_array_equal(decode_picture(other), expected)
     with pytest.raises(InputError, match="damaged"):
         decode_picture(content[:2] + exif + content[2:-9])

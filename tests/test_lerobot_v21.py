@@ -215,8 +215,10 @@ def test_without_the_first_episode_its_damaged_video_is_not_read(dataset: Path):
 
 
 def test_without_the_first_episode_it_may_have_a_single_row(tmp_path: Path):
-    episodes = [{"action": np.zeros((num, 1)), "frames": grey(num)} for num in (1, 8)]
+    episodes = [{"action": np.zeros((num, 1)), "frames": grey(num)} for num in (1, 8, 1)]
     write_v21(tmp_path / "dataset", episodes, {"action": ["a"]}, fps=FPS)
     assert "has 1 row; expected at least 2" in message(tmp_path / "dataset")
     others = open_dataset(tmp_path / "dataset", leave_out=["0"])
     assert len(others.read(0)) == 7
+    with pytest.raises(InputError, match=r"\(--leave-out 0,2\)"):  # with what is left out already
+        others.read(1)

@@ -1,12 +1,17 @@
 """Recordings of motors whose commands take effect late, and which were off before."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 
+from simtune.before_after.readings import Tuned, replay
+from simtune.evaluation.replay import better_in
 from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.whole_episodes import replay_whole
 from simtune.real.observed import observed
-from simtune.tasks import load_task
+from simtune.tasks import Task, load_task
+from simtune.trajectory import Trajectory
 
 STEPS, LATE = 30, 2
 SCENE = """
@@ -38,18 +43,28 @@ objects = "motor"
 """
 
 
-def test_a_late_motor_is_replayed_from_where_its_commands_take_effect(tmp_path):
-    (tmp_path / "scene.xml").write_text(SCENE)
-    (tmp_path / "tune.toml").write_text(TUNE)
-    task = load_task(str(tmp_path / "tune.toml"))
-    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+def write(folder: Path) -> Task:
+    (folder / "scene.xml").write_text(SCENE)
+    (folder / "tune.toml").write_text(TUNE)
+    return load_task(str(folder / "tune.toml"))
+
+
+def late_wheel(speed: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """(1, T, 1) actions and (1, T + 1, 1) angles of a wheel that turns at a speed at first."""
     model = mujoco.MjModel.from_xml_string(SCENE)
     data, values = mujoco.MjData(model), np.zeros((1, STEPS + 1, 1))
+    data.qvel[:] = speed
     actions = np.random.default_rng(0).uniform(5, 10, (1, STEPS, 1))
     for t in range(STEPS):
         data.ctrl[:] = actions[0, t - LATE] if t >= LATE else 0.0
         mujoco.mj_step(model, data, 20)
         values[0, t + 1] = data.qpos
+    return actions, values
+
+
+def test_a_late_motor_is_replayed_from_where_its_commands_take_effect(tmp_path):
+    task, (actions, values) = write(tmp_path), late_wheel()
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
     late = Readings(actions, values).delayed(LATE)
     loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
     unit = task.parameters.to_unit(task.parameters.nominal)
@@ -65,3 +80,21 @@ def test_actions_are_beside_the_readings_that_they_take_effect_at():
     np.testing.assert_array_equal(late.actions, actions)
     np.testing.assert_array_equal(late.values[0, :, 0], [12, 13, 14, 15, np.nan, np.nan])
     np.testing.assert_array_equal(Readings(actions, values).delayed(0).values, values)
+    assert np.isnan(Readings(actions, values).delayed(9).values).all()  # longer than these
+
+
+def test_what_comes_before_late_actions_is_neither_replayed_nor_scored(tmp_path):
+    """It turns at first, which no command explains."""
+    task, (actions, values) = write(tmp_path), late_wheel(speed=-5.0)
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    frames = np.zeros((STEPS + 1, 0, 0, 3), np.uint8)
+    episode = Trajectory(frames, actions[0].astype(np.float32), 0.04, {"wheel": values[0]})
+    nominal = task.parameters.nominal
+    found = replay(simulator, seen, [episode], nominal, Tuned(nominal, {}, latency_steps=LATE))
+    assert np.isnan(found.after[0, :LATE]).all()
+    np.testing.assert_allclose(found.after[0, LATE:], values[0, LATE:], atol=1e-3)
+    scores = found.scores()["wheel"]
+    assert scores["rms"] < 1e-3 < scores["rms_before"]
+    assert better_in(found) == {"wheel": 1}
+    longer = Tuned(nominal, {}, latency_steps=STEPS + 5)  # than the episode
+    assert np.isnan(replay(simulator, seen, [episode], nominal, longer).after).all()

@@ -6,7 +6,6 @@ from typing import cast
 import numpy as np
 import pytest
 
-from simtune.budget import Budget
 from simtune.fit import JointMotion, PointEstimate
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
@@ -14,9 +13,8 @@ from simtune.real.observed import observed
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.readings import ReadingsSearch
 from simtune.tuning.readings_agreement import BestDescent
-from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings_estimate import ReadingsEstimate, search_of
 from simtune.tuning.readings_verdict import ReadingsFit
 from simtune.tuning.search import SearchContext
 from simtune.vision.keypoints import find_keypoints
@@ -183,7 +181,7 @@ def test_what_readings_tell_goes_with_their_offsets_and_warnings():
 
 @pytest.mark.parametrize(("arm", "is_fitted"), [("0 0 0", True), (".2 0 0", False)])
 def test_beside_video_readings_are_fitted_first_unless_they_show_where_a_base_begins(
-    tmp_path, monkeypatch, arm, is_fitted
+    tmp_path, arm, is_fitted
 ):
     """A trunk leans as it likes; an arm that hangs to one side turns as the trunk leans."""
     scene = f"""<mujoco><worldbody><body>
@@ -206,7 +204,5 @@ def test_beside_video_readings_are_fitted_first_unless_they_show_where_a_base_be
     )
     rests = {"angle": np.zeros((31, 1))}
     frames, actions = np.zeros((31, 0, 0, 3), np.uint8), np.zeros((30, 1), np.float32)
-    fit = ReadingsFit(READ, SEEN, True, True, cast(BestDescent, None), np.zeros(1))
-    monkeypatch.setattr(ReadingsSearch, "fit", lambda *_: fit)
-    real = [Trajectory(frames, actions, 0.02, rests)] * 2
-    assert bool(ReadingsEstimate.fitted(context, real, Budget())) == is_fitted
+    search = search_of(context, [Trajectory(frames, actions, 0.02, rests)] * 2)
+    assert (search is not None) == is_fitted

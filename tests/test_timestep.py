@@ -6,6 +6,7 @@ import pytest
 
 from simtune.budget import Budget
 from simtune.fit import (
+    Descent,
     Guess,
     OpenLoopReplay,
     OutputErrorFit,
@@ -14,6 +15,8 @@ from simtune.fit import (
     ReplayStage,
     timestep_warning,
 )
+from simtune.fit.readings.differences import differentiate
+from simtune.fit.readings.timestep import change_by_timestep
 from simtune.parameters import ParameterSpace
 from simtune.real.observed import observed
 from simtune.simulation import Simulator
@@ -76,14 +79,19 @@ def recorded(seed: int) -> Readings:
     return Readings(actions[None, :, None], read[None, :, None])
 
 
-def fitted(folder, simulator: Simulator, is_simulated: bool, seed: int = 0) -> OutputErrorFit:
-    """From a fit that begins at the truth."""
+def method_of(folder, simulator: Simulator, is_simulated: bool = False) -> OutputErrorMethod:
+    """With the truth as first guess."""
     task = load_task(str(folder / "tune.toml"))
     seen = observed(task, None, is_simulated=is_simulated)
     loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
     space = loop.physics.parameters
-    guess = Guess(space.to_unit(space.nominal), np.zeros(1))
-    method = OutputErrorMethod(loop, np.zeros(1, bool), guess.unit)
+    return OutputErrorMethod(loop, np.zeros(1, bool), space.to_unit(space.nominal))
+
+
+def fitted(folder, simulator: Simulator, is_simulated: bool, seed: int = 0) -> OutputErrorFit:
+    """From a fit that begins at the truth."""
+    method = method_of(folder, simulator, is_simulated)
+    guess = Guess(method.prior, np.zeros(1))
     ended = method.descend(recorded(seed), guess, ReplayStage(15), Budget())
     return method.judge(ended, Budget())
 
@@ -107,6 +115,29 @@ def test_a_finer_timestep_changes_an_estimate_less(tmp_path):
         for timestep_s in (0.004, 0.0005)
     )
     assert np.abs(fine.by_timestep).max() < 0.2 * np.abs(coarse.by_timestep).max()
+
+
+def test_what_a_fit_had_not_yet_descended_is_no_change_by_the_timestep(tmp_path):
+    """Also where there is time for a single step of each only."""
+    simulator = simulator_of(tmp_path, 0.004)
+    method, begin = method_of(tmp_path, simulator), {"damping": 1.6, "armature": 0.04}
+    guess = Guess(simulator.space.to_unit(simulator.space.from_dict(begin)), np.zeros(1))
+    early, ended = (
+        method.descend(recorded(0), guess, ReplayStage(iterations), Budget())
+        for iterations in (2, 15)
+    )
+
+    def changed(descent: Descent, seconds: float = np.inf) -> np.ndarray:
+        objective = descent.objective
+        slopes = differentiate(objective.loop, objective.difference_point(descent.point))
+        return change_by_timestep(descent, slopes, Budget(seconds))
+
+    one, other = changed(early), changed(ended)
+    assert np.abs(early.unit - ended.unit).max() > 3 * np.abs(other).max()
+    np.testing.assert_allclose(one, other, atol=0.4 * np.abs(other).max())
+    hurried = changed(ended, 0.0)
+    np.testing.assert_allclose(hurried, other, atol=0.4 * np.abs(other).max())
+    assert (hurried != 0).any()
 
 
 def test_a_simulators_own_readings_have_its_timestep(tmp_path):

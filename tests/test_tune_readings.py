@@ -626,18 +626,24 @@ def test_what_readings_show_that_no_setting_explains_is_not_called_identified(tm
     assert not found.low[-1] < TRUTH["elbow_kp"] < found.high[-1]  # sure and wrong otherwise
 
 
-def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(truth: Path, tmp_path: Path):
-    """Two that are told well together only: what no fit can detect is not common to them."""
+@pytest.mark.parametrize("by_timestep", [0.0, 0.01])
+def test_errors_that_are_added_to_a_fits_thin_its_correlations_out(
+    truth: Path, tmp_path: Path, by_timestep: float
+):
+    """Two that are told well together only: what no fit can detect is not common to them.
+
+    What the timestep does is: it moves them together.
+    """
     experiment = pseudo(write_arm(tmp_path), truth, tmp_path / "run")
     num = len(TRUTH)
     covariance = 1e-4 * (0.99 * np.ones((num, num)) + 0.01 * np.eye(num))
     apart = np.array([0.003, -0.003, 0.0, 0.0])
-    estimate = fit_of(experiment, covariance, apart).estimate
+    estimate = fit_of(experiment, covariance, apart, by_timestep=by_timestep).estimate
     observation = as_recorded(experiment)
     discrepancy = observation.discrepancy_std(np.zeros(num, bool))[0]
     # A fit's prior, .3, is taken out, and replaced by that of what nothing shows
     given = np.linalg.inv(covariance + np.outer(apart, apart)) + (1 - 0.3**-2) * np.eye(num)
-    total = np.linalg.inv(given) + discrepancy**2 * np.eye(num)
+    total = np.linalg.inv(given) + discrepancy**2 * np.eye(num) + by_timestep**2
     std = np.sqrt(np.diag(total))
     np.testing.assert_allclose(estimate.correlation, total / np.outer(std, std), rtol=1e-3)
 

@@ -614,6 +614,10 @@ def numbers(parameter: Parameter) -> tuple:
         ("kind = 'armature'\nobjects = 'sled'", (0.1, 0.01, 1.0, "log", "kg")),
         ("kind = 'friction'\nobjects = 'block'", (1.0, 0.1, 10.0, "log", "1")),
         ("kind = 'size'\nobjects = 'bob'\ncomponent = 0", (0.04, 0.004, 0.4, "log", "m")),
+        (
+            "kind = 'center_of_mass'\nobjects = 'bob'\ncomponent = 2",
+            (0.0, -0.05, 0.05, "linear", "m"),
+        ),
         (  # not above the sum of the other two
             "field = 'body_inertia'\nobjects = 'bob'\ncomponent = 0",
             (1.28e-4, 1.28e-5, 2.56e-4 * (1 - 1e-5), "log", "1"),

@@ -1,5 +1,6 @@
 """An arm pushes a block that no sensor measures: later segments begin where it was pushed."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -46,21 +47,24 @@ objects = "servo"
 """
 
 
+def loop_of(folder: Path, scene: str, tune: str) -> OpenLoopReplay:
+    (folder / "scene.xml").write_text(scene)
+    (folder / "tune.toml").write_text(tune)
+    task = load_task(str(folder / "tune.toml"))
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    return OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+
+
 @pytest.fixture(scope="module")
 def pushed(tmp_path_factory: pytest.TempPathFactory) -> tuple[OpenLoopReplay, Readings, np.ndarray]:
     """A replay, its readings of an arm that pushes twice, and (STEPS + 1,) places of the block."""
-    folder: Path = tmp_path_factory.mktemp("pushed")
-    (folder / "scene.xml").write_text(SCENE)
-    (folder / "tune.toml").write_text(TUNE)
-    task = load_task(str(folder / "tune.toml"))
-    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    loop = loop_of(tmp_path_factory.mktemp("pushed"), SCENE, TUNE)
     model = mujoco.MjModel.from_xml_string(SCENE)
     data, places = mujoco.MjData(model), np.zeros((STEPS + 1, 2))
     actions = np.interp(np.arange(STEPS), [5, 25, 35, 50], [0, 0.4, 0.2, 0.5])[:, None]
     for t, data.ctrl[:] in enumerate(actions):
         mujoco.mj_step(model, data, 20)
         places[t + 1] = data.qpos
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
     return loop, Readings(actions[None], places[None, :, [ARM]]), places[:, BLOCK]
 
 
@@ -73,9 +77,17 @@ def unit_of(loop: OpenLoopReplay, kp: float = 60.0) -> np.ndarray:
 def test_what_is_pushed_goes_along_whatever_the_parameters_are(pushed, kp):
     loop, readings, block = pushed
     unit = unit_of(loop, kp)
-    read = loop.carried(loop.states_of(readings, unit, np.zeros(1)), unit)
+    read = loop.carried(loop.states_of(readings, unit, np.zeros(1)), unit, STEPS)
     assert block[-1] > 0.2
     np.testing.assert_allclose(read.states[0, :, BLOCK], block, atol=0.02)
+
+
+def test_no_farther_than_the_last_stretch_begins(pushed):
+    loop, readings, block = pushed
+    unit = unit_of(loop)
+    read = loop.carried(loop.states_of(readings, unit, np.zeros(1)), unit, 40)
+    np.testing.assert_allclose(read.states[0, 40, BLOCK], block[40], atol=0.02)
+    assert (read.states[0, 41:, BLOCK] == 0).all()
 
 
 def test_a_segment_goes_on_from_the_replay_of_the_one_before(pushed):
@@ -118,9 +130,57 @@ def test_a_start_is_told_only_where_an_episode_begins(pushed):
 
 def test_a_tie_and_a_sensor_tell_where_a_joint_is(tmp_path):
     tie = '<equality><joint joint1="block" joint2="arm"/></equality>'
-    (tmp_path / "scene.xml").write_text(SCENE.replace("<actuator>", tie + "<actuator>"))
-    (tmp_path / "tune.toml").write_text(TUNE)
-    task = load_task(str(tmp_path / "tune.toml"))
-    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    loop = loop_of(tmp_path, SCENE.replace("<actuator>", tie + "<actuator>"), TUNE)
     assert not loop.measured.goes_on.any()
+
+
+def test_stretches_begin_with_the_velocity_that_is_read(pushed, tmp_path):
+    """Where they begin follows from it, though not in this world from its servo."""
+    readings, at = pushed[1], pushed[1].values[0, :, 0]
+    speed = np.gradient(at, 0.04)
+    sensor = 'quantity = "velocity"\nnoise = 0.01'
+    loop = loop_of(tmp_path, SCENE, TUNE.replace("noise = 0.001", sensor))
+    assert loop.measured.goes_on.tolist() == [True, True, False, True]
+    unit, read = unit_of(loop, 40.0), replace(readings, values=speed[None, :, None])
+    parts = loop.cut(read, unit, np.zeros(1), 10)
+    np.testing.assert_array_equal(parts.states[:, 2], speed[::10][:-1])
+    np.testing.assert_allclose(parts.states[:, 0], at[::10][:-1], atol=0.04)
+    followed = loop.cut_at(read, unit, np.zeros(1), Segments.evenly(read, 10), goes_on=True)
+    predicted, _ = loop.play(followed, followed.states[None], unit[None])
+    np.testing.assert_allclose(predicted[0, :, 0, 0], speed[::10][:-1])
+
+
+FREE = '<freejoint name="block"/>'
+GLIDES = '<joint name="block" type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
+
+
+@pytest.mark.parametrize("joint", [FREE, GLIDES])
+def test_what_is_out_of_reach_does_not_go_on(tmp_path, joint):
+    """An object that begins anywhere: it touches nothing in replays."""
+    slides = '<joint name="block" type="slide" axis="1 0 0" damping="4"/>'
+    scene = SCENE.replace(slides, joint)
+    scene, same = scene[: scene.index("<keyframe>")] + "</mujoco>", "[[0.2, 0.2], [0, 0], [0, 0]]"
+    anywhere = same.replace("0.2]", "0.3]") if joint == FREE else "[-0.1, 0.1]"
+    for place, goes_on in ((anywhere, False), (same if joint == FREE else "[0, 0]", True)):
+        start = f'{{kind = "distribution", joints = {{block = {{position = {place}}}}}}}'
+        tune = TUNE.replace('{kind = "keyframe", keyframe = "begin"}', start)
+        assert loop_of(tmp_path, scene, tune).measured.goes_on.any() == goes_on
+
+
+@pytest.mark.parametrize("quantity", ["position", "velocity"])
+def test_stretches_begin_with_what_is_read_behind_a_backlash(pushed, tmp_path, quantity):
+    """No play is added to it that went on from the stretch before."""
+    readings = pushed[1]
+    play = '[[backlash]]\njoint = "arm"\nplay = 0.03\narmature = 0.1\n'
+    tune = TUNE.replace("[[sensors]]", play + "\n[[sensors]]")
+    behind = f'noise = 0.001\nbehind_backlash = true\nquantity = "{quantity}"'
+    tune = tune.replace('initial_state = {kind = "keyframe", keyframe = "begin"}', "")
+    loop = loop_of(tmp_path, SCENE, tune.replace("noise = 0.001", behind))
+    unit = unit_of(loop)
+    if quantity == "velocity":
+        readings = replace(readings, values=np.gradient(readings.values, 0.04, axis=1))
+    for goes_on in (False, True):
+        segments = Segments.evenly(readings, 15)
+        parts = loop.cut_at(readings, unit, np.zeros(1), segments, goes_on)
+        predicted, _ = loop.play(parts, parts.states[None], unit[None])
+        np.testing.assert_allclose(predicted[0, :, 0], parts.values[:, 0], atol=1e-9)

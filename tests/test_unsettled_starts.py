@@ -52,6 +52,13 @@ kind = "mass"
 objects = "arm"
 """
 STAND = '[initial_state]\nkind = "keyframe"\nkeyframe = "stand"'
+SPEED = """
+[[sensors]]
+name = "speed"
+joints = "elbow"
+quantity = "velocity"
+columns = "measured.speed"
+"""
 ACTIONS = '\n[actions]\nmapping = "direct"\ncolumns = ["elbow"]\n'
 FREE = '<freejoint name="root"/>'
 SLIDES = '<joint name="up" type="slide" axis="0 0 1"/><joint name="roll" axis="1 0 0"/>'
@@ -66,19 +73,24 @@ def replays(
     servo: str = SERVO,
     moves: float = 0.0,
     scene: str = SCENE,
+    speed: np.ndarray | None = None,
+    steps: int = 30,
 ) -> RecordedReplays:
-    """Of two episodes in which the elbow moves by so many rad at once."""
+    """Of two episodes in which the elbow moves by so many rad at once.
+
+    `speed`: (steps + 1, 1) readings of its velocity.
+    """
     height = 0.1 if base == SLIDES else 0.0
     filled = scene.format(base=base, pose=pose, servo=servo, height=height)
     (folder / "scene.xml").write_text(filled)
-    (folder / "tune.toml").write_text(TUNE.format(start=start))
+    (folder / "tune.toml").write_text(TUNE.format(start=start) + SPEED * (speed is not None))
     task = load_task(str(folder / "tune.toml"))
-    read = moves * np.minimum(np.arange(31) / 4, 1.0)[:, None]
-    episode = Trajectory(
-        np.zeros((31, 0, 0, 3), np.uint8), np.zeros((30, 1), np.float32), 0.02, {"angle": read}
-    )
-    seen = observed(task, None, is_simulated=False)
-    return RecordedReplays(task.simulator(image_size=16), seen, [episode] * 2, ["walk0", "walk1"])
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=False)
+    read = {"angle": moves * np.minimum(np.arange(steps + 1) / 4, 1.0)[:, None]}
+    read |= {} if speed is None else {"speed": speed}
+    actions = np.zeros((steps, simulator.model.nu), np.float32)
+    episode = Trajectory(np.zeros((steps + 1, 0, 0, 3), np.uint8), actions, 0.02, read)
+    return RecordedReplays(simulator, seen, [episode] * 2, ["walk0", "walk1"])
 
 
 @pytest.mark.parametrize(
@@ -115,6 +127,37 @@ def test_what_first_commands_do_not_hold_is_not_judged(tmp_path):
     assert not replays(tmp_path, FREE, "0 0 .13 1 0 0 0", servo="motor").start_warnings()
 
 
+def test_noise_of_velocities_is_no_motion(tmp_path):
+    """.05 rad/s are not .05 rad; and what turns at 1 rad/s moves by .1 rad in .1 s."""
+    noise = 0.05 * np.random.default_rng(0).normal(size=(31, 1))
+    (found,) = replays(tmp_path, FREE, "0 0 .18 1 0 0 0", speed=noise).start_warnings()
+    assert "it falls by 8" in found  # mm
+    assert not replays(tmp_path, FREE, "0 0 .18 1 0 0 0", speed=1 + noise).start_warnings()
+
+
+@pytest.mark.parametrize(
+    ("servo", "beside", "is_said"),
+    [
+        (SERVO, '<velocity name="damper" joint="elbow" kv=".1"/>', True),
+        (SERVO, '<motor name="torque" joint="elbow"/>', True),
+        ('intvelocity kp="5" actrange="-1 1"', "", True),
+        ('velocity kv="5"', "", False),
+        (SERVO, '<motor name="lift" site="rotor" gear="0 0 1 0 0 0"/>', False),
+        (SERVO, '<adhesion name="cup" body="arm" gain="1" ctrlrange="0 1"/>', False),
+        (SERVO, '<motor name="nothing" site="elsewhere" gear="0 0 1 0 0 0"/>', True),
+    ],
+    ids=["damper", "torque", "intvelocity", "speed", "rotor", "suction", "elsewhere"],
+)
+def test_a_joint_is_held_if_any_actuator_holds_it_and_a_drone_may_hold_itself(
+    tmp_path, servo, beside, is_said
+):
+    scene = SCENE.replace("<actuator>", "<actuator>" + beside)
+    scene = scene.replace("{base}", '{base}<site name="rotor"/>')
+    scene = scene.replace("<geom name", '<site name="elsewhere"/><geom name', 1)
+    found = replays(tmp_path, FREE, "0 0 .13 1 0 0 0", servo=servo, scene=scene).start_warnings()
+    assert len(found) == is_said
+
+
 def test_where_on_a_floor_a_base_begins_is_not_told_if_no_reading_shows_it(tmp_path):
     (falls,) = replays(tmp_path, FREE, "0 0 .1 1 0 0 0", start="").start_warnings()
     assert falls.startswith("trunk does not begin at rest")  # at the height of the model's pose
@@ -145,12 +188,15 @@ def test_check_and_tune_warn_of_a_base_that_falls(tmp_path):
         assert len(falls) == 1
 
 
-def test_what_touches_in_replays_is_named(tmp_path):
+def test_what_touches_in_replays_is_named(tmp_path, monkeypatch):
     stands = replays(tmp_path, FREE, "0 0 .13 1 0 0 0")
     assert stands.contacts([1]) == [Touching(("trunk", "floor"), (0,))]
     assert stands.contacts([]) == []
-    hangs = replays(tmp_path, FREE, "0 0 2 1 0 0 0")
-    assert hangs.contacts([0, 1]) == []
+    # It falls for √(2 · 1.9 / 9.81) s = 0.62 s; contacts are looked for as long as growth is
+    falls = replays(tmp_path, FREE, "0 0 2 1 0 0 0", steps=40)
+    assert falls.contacts([0, 1]) == [Touching(("trunk", "floor"), (0, 1))]
+    monkeypatch.setattr("simtune.checking.replays.LONGEST_S", 0.5)
+    assert falls.contacts([0, 1]) == []
 
 
 def test_of_geoms_that_touch_the_same_all_are_told_together():

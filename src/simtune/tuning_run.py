@@ -98,7 +98,9 @@ def _expected_precision(experiment: Experiment) -> tuple[dict[str, Any], list[st
     if experiment.search_name != "posterior":  # others give no intervals
         return {}, []
     simulator, seen = experiment.simulator, experiment.context.observation
-    found = expected_precision(simulator, seen, experiment.recordings, experiment.config.seed)
+    names = experiment.real.facts.get("names", ())
+    real, seed = experiment.recordings, experiment.config.seed
+    found = expected_precision(simulator, seen, real, seed, names)
     return {"check": found.parameters}, found.warnings
 
 

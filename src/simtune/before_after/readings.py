@@ -15,7 +15,10 @@ from simtune.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Replayed:
-    """Measured and replayed readings of E episodes and D readings; NaN if not read."""
+    """Measured and replayed readings of E episodes and D readings; NaN if not read.
+
+    As tuned, also NaN before the first action takes effect: what acted before is not known.
+    """
 
     labels: tuple[str, ...]
     units: tuple[str, ...]
@@ -67,10 +70,9 @@ def replay(
     readings = Readings.of(trajectories, joints)
     before = replay_whole(loop, readings, space.to_unit(start), np.zeros(len(labels)))
     late_loop, late, unit, offsets = as_tuned(loop, readings, observation, tuned)
-    after = replay_whole(late_loop, late, unit, offsets)
-    # Until actions take effect it stands where the replay begins
-    steps = np.maximum(np.arange(after.shape[1]) - tuned.latency_steps, 0)
-    after = after[:, steps]
+    replayed = replay_whole(late_loop, late, unit, offsets)
+    after, steps = np.full_like(replayed, np.nan), min(tuned.latency_steps, replayed.shape[1])
+    after[:, steps:] = replayed[:, : replayed.shape[1] - steps]
     return Replayed(
         labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after
     )

@@ -71,17 +71,19 @@ def _replayed(
     report("replaying readings", 0.5)
     names = [f"episode {number}" for number in range(len(given.actions))]
     replays = None
-    if given.read:
+    if given.read and not given.is_far:  # else all that follows from lengths would mislead
         names = facts["recordings"]["names"][: len(given.actions)]
         replays = RecordedReplays(given.simulator, seen, given.read.trajectories, names)
-        facts["warnings"] += [] if given.is_far else replays.start_warnings()
+        facts["warnings"] += replays.start_warnings()
     try:
         readings, assumed = reading_changes(given.simulator, seen, given.actions, given.read, seed)
     except RuntimeError as error:  # what was found before may say why
         raise InputError("; ".join([*facts["warnings"], str(error)])) from error
     facts["assumed"] = assumed
-    touching = replays.contacts(sensitive_starts.sensitive(readings.growth)) if replays else []
-    facts["warnings"] += sensitive_starts.warnings(readings.growth, names, touching)
+    if not given.is_far and not (given.read and given.read.misread):
+        much = sensitive_starts.sensitive(readings.growth)
+        touching = replays.contacts(much) if replays else []
+        facts["warnings"] += sensitive_starts.warnings(readings.growth, names, touching)
     return readings
 
 

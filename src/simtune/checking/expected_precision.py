@@ -1,5 +1,6 @@
 """The precision that `simtune check` expects, for comparison with a run's result."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,9 +27,16 @@ class ExpectedPrecision(NamedTuple):
 
 
 def expected_precision(
-    simulator: AnySimulator, seen: ObservationModel, real: list[Trajectory], seed: int
+    simulator: AnySimulator,
+    seen: ObservationModel,
+    real: list[Trajectory],
+    seed: int,
+    names: Sequence[str] = (),
 ) -> ExpectedPrecision:
-    """Nothing without a MuJoCo model; no parameters if all nominal worlds diverge."""
+    """Of episodes with these names, which warnings give.
+
+    Nothing without a MuJoCo model; no parameters if all nominal worlds diverge.
+    """
     warnings = list[str]()
     if not isinstance(simulator, Simulator):
         return ExpectedPrecision({}, warnings)
@@ -37,8 +45,8 @@ def expected_precision(
     actions = np.stack([trajectory.actions[:steps] for trajectory in real])
     try:
         if seen.sensors:
-            read = look_at_servos(real, simulator, seen)
-            warnings += read.warnings + read.beyond_ranges
+            read = look_at_servos(real, simulator, seen, names)
+            warnings += read.warnings + read.misread + read.beyond_ranges
             readings, _ = reading_changes(simulator, seen, actions, read, seed)
         sensitivity = analyze(simulator, actions, seed, seen, readings)
     except RuntimeError:  # every episode diverged

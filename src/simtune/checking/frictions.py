@@ -5,6 +5,7 @@ Sliding needs contacts of condim 3, spinning 4, and rolling 6 (MuJoCo's document
 """
 
 import copy
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import mujoco
@@ -25,6 +26,7 @@ class Contacts(NamedTuple):
     geoms: np.ndarray  # (n, 2)
     condim: np.ndarray  # (n,)
     friction: np.ndarray  # (n, 5)
+    exclude: np.ndarray  # (n,) why one exerts no force, such as a gap; 0: it does
 
 
 def unfelt_frictions(simulator: Simulator, states: np.ndarray) -> dict[str, str]:
@@ -42,13 +44,19 @@ def unfelt_frictions(simulator: Simulator, states: np.ndarray) -> dict[str, str]
 
 def contacts(model: mujoco.MjModel, states: np.ndarray) -> Contacts:
     """All contacts of (n, S) states, one state after the other."""
-    data, parts = mujoco.MjData(model), []
+    parts = contacts_of_each(model, states)
+    return Contacts(*(np.concatenate(its) for its in zip(*parts, strict=True)))
+
+
+def contacts_of_each(model: mujoco.MjModel, states: np.ndarray) -> Iterator[Contacts]:
+    """Those of each of (n, S) states."""
+    data = mujoco.MjData(model)
     for state in states:
         mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_fwdPosition(model, data)
         its = data.contact
-        parts.append(Contacts(its.geom.copy(), its.dim.copy(), its.friction.copy()))
-    return Contacts(*(np.concatenate(its) for its in zip(*parts, strict=True)))
+        found = Contacts(its.geom, its.dim, its.friction, its.exclude)
+        yield Contacts(*(values.copy() for values in found))
 
 
 def _why_unfelt(

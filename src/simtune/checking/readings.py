@@ -6,17 +6,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.checking.misread import misread
 from simtune.checking.reading_errors import of_recorded, of_simulated
 from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.fit import ServoResponse
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.gains import gains_to_write
 from simtune.checking.servos.joint_ranges import CERTAINLY_WIDER, WIDER, beyond_ranges
-from simtune.checking.servos.look import FEWEST_STEPS, SeenJoint, look_at
+from simtune.checking.servos.look import SeenJoint, look_at
 from simtune.checking.servos.lost import missing
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.watch import watched
-from simtune.fit import Readings
+from simtune.fit import FEWEST_STEPS, Readings
 from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.fit.sensitivity import one_by_one, where_analyzed
 from simtune.observation import ObservationModel, joints_of
@@ -30,11 +31,13 @@ class ReadEpisodes(NamedTuple):
     """Recorded readings, and how their joints follow commands."""
 
     trajectories: list[Trajectory]  # without pictures
+    readings: Readings  # theirs
     servos: dict[str, ServoResponse]  # by reading, in its unit
     curves: dict[str, Curve]  # of the first episode that is long enough
     facts: dict[str, Any]  # JSON
     warnings: list[str]
-    beyond_ranges: list[str]  # warnings of readings that span more than the model's joints can
+    misread: list[str]  # warnings of signs, columns, units or zeros that are not the model's
+    beyond_ranges: list[str]  # ... of readings that span more than the model's joints can
 
 
 def read_episodes(
@@ -55,7 +58,8 @@ def look_at_servos(
 ) -> ReadEpisodes:
     """How the joints of episodes, with these names, follow their commands."""
     sensors = joints_of(observation.sensors)
-    read = Readings.of(trajectories, sensors).values
+    readings = Readings.of(trajectories, sensors)
+    read = readings.values
     found = missing(observation.reading_labels, read, [len(t) for t in trajectories], names)
     joints, lost = watched(trajectories, simulator, observation, read, names)
     is_long = any(len(t) >= FEWEST_STEPS for t in trajectories)
@@ -68,10 +72,12 @@ def look_at_servos(
     wider = [_wider(joint, its) for joint, its in zip(joints, seen, strict=True)]
     return ReadEpisodes(
         trajectories,
+        readings,
         servos={name: its.servo for name, its in by_name.items() if name not in of_speeds},
         curves={name: its.curve for name, its in by_name.items()},
         facts={name: its.facts() for name, its in by_name.items()},
         warnings=found,
+        misread=misread(readings, simulator, observation),
         beyond_ranges=beyond_ranges(simulator.model, sensors, read, wider),
     )
 
@@ -93,11 +99,11 @@ def reading_changes(
     """For every parameter, in episodes of (E, T, A) actions; and the assumption on errors."""
     sensors = joints_of(observation.sensors)
     nominal = where_analyzed(simulator.space)
-    readings = Readings.of(recorded.trajectories, sensors) if recorded else None
+    readings = recorded.readings if recorded else None
     replayed = ReplayedReadings(simulator, observation, nominal, actions, readings, seed)
-    if recorded and readings:
+    if recorded:
         labels, step_s = observation.reading_labels, simulator.step_s
-        errors = of_recorded(readings.values, recorded.servos, labels, sensors, step_s)
+        errors = of_recorded(recorded.readings.values, recorded.servos, labels, sensors, step_s)
     else:
         errors = of_simulated(sensors)
     changed = one_by_one(simulator.space, nominal)

@@ -16,7 +16,6 @@ from simtune.checking.servos.picture import draw_servos
 from simtune.checking.starts import far_starts
 from simtune.config import CheckConfig
 from simtune.errors import InputError
-from simtune.fit import Readings
 from simtune.observation import ObservationModel, joints_of
 from simtune.progress import ReportProgress
 from simtune.real.observed import open_recordings
@@ -64,10 +63,9 @@ def of_recordings(
     )
     actions = np.stack([actions[: min(lengths)] for actions in recorded[:num]])
     read = read_episodes(dataset, num, simulator, seen) if seen.sensors else None
-    sensors = joints_of(seen.sensors)
-    values = Readings.of(read.trajectories, sensors).values if read else None
+    sensors, values = joints_of(seen.sensors), read.readings.values if read else None
     far = far_beyond_model(simulator, recorded[:num], sensors, values)
-    facts["warnings"] += [far] if far else []
+    facts["warnings"] += far
     if seen.cameras and not far:
         report("comparing pictures", 0.0)
         as_read = AsRead(simulator, seen, read.trajectories[: len(frames)]) if read else None
@@ -77,7 +75,7 @@ def of_recordings(
             facts["warnings"] += far_starts(simulator, sensors, values, config.seed)
     if read:
         facts["servos"] = read.facts
-        facts["warnings"] += read.warnings + read.beyond_ranges * (not far)
+        facts["warnings"] += read.warnings + (read.misread + read.beyond_ranges) * (not far)
         if read.curves:
             path = named(config.pictures, "-servos" * bool(seen.cameras)) or new_file()
             draw_servos(path, task.name, read.curves, simulator.step_s)

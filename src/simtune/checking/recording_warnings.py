@@ -12,7 +12,7 @@ from simtune.fit import FEWEST_STEPS
 from simtune.recordings.source import short
 from simtune.recordings.unused_steps import of_lengths, of_unfilmed
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
-from simtune.tasks import AnyTask
+from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
 
 _LATE = 0.3  # of a step: the simulator films exactly at each step's end
@@ -45,6 +45,8 @@ def warnings(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
             "motion will seem to stand still and jump. If each video lasts as long as its actions, "
             "take a smaller --control-hz"
+            + "; --observe joints uses every reading, at the logged rate"
+            * bool(isinstance(task, Task) and task.sensors)
         )
     found += _of_gaps(facts.get("gaps", {})) + _of_clocks(facts.get("unused_s", {}))
     found += of_unfilmed(facts.get("unfilmed", {}))

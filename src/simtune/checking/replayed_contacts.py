@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from simtune.checking.frictions import geom_name
+from simtune.checking.frictions import contacts_of_each, geom_name
 from simtune.columns import counted, cut
 from simtune.fit import OpenLoopReplay
 from simtune.fit.readings.stretches import Stretches
@@ -26,9 +26,9 @@ class Touching(NamedTuple):
 def touching(
     loop: OpenLoopReplay, whole: Stretches, states: np.ndarray, unit: np.ndarray
 ) -> list[Touching]:
-    """In replays of whole episodes from (E, nq + nv) states, at (N,) unit coordinates.
+    """In replays of whole episodes, or their beginnings, from (E, nq + nv) states.
 
-    What touches first comes first.
+    At (N,) unit coordinates. What touches first comes first.
     """
     physics, space = loop.physics, loop.physics.parameters
     units = np.repeat(unit[None, : len(space)], len(states), 0)
@@ -36,12 +36,11 @@ def touching(
     model = copy.copy(physics.simulator.model)
     ModelWriter(space, model).write(model, space.from_unit(units[0]))
     found = dict[tuple[int, int], dict[int, int]]()  # {geoms: {episode: first row}}
-    data, rows = mujoco.MjData(model), _rows(whole)
-    for episode, row in zip(*np.nonzero(np.arange(played.shape[1]) < rows[:, None]), strict=True):
-        mujoco.mj_setState(model, data, played[episode, row], mujoco.mjtState.mjSTATE_INTEGRATION)
-        mujoco.mj_fwdPosition(model, data)
-        for pair in data.contact.geom[data.contact.exclude == 0].tolist():
-            found.setdefault(_ordered(model, *pair), {}).setdefault(int(episode), int(row))
+    are_rows = np.arange(played.shape[1]) < _rows(whole)[:, None]
+    places, each = np.argwhere(are_rows).tolist(), contacts_of_each(model, played[are_rows])
+    for (episode, row), contacts in zip(places, each, strict=True):
+        for pair in contacts.geoms[contacts.exclude == 0].tolist():
+            found.setdefault(_ordered(model, *pair), {}).setdefault(episode, row)
     in_time = sorted(found.items(), key=lambda item: min(item[1].values()))
     return [
         Touching((geom_name(model, one), geom_name(model, other)), tuple(episodes))

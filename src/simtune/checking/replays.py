@@ -7,6 +7,7 @@ import numpy as np
 from simtune.checking.replayed_contacts import Touching, touching
 from simtune.checking.unsettled_starts import free_bases, unsettled
 from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit.readings.sensitivity import LONGEST_S
 from simtune.fit.sensitivity import where_analyzed
 from simtune.observation import ObservationModel
 from simtune.simulation import Simulator
@@ -43,9 +44,14 @@ class RecordedReplays:
         return found
 
     def contacts(self, episodes: Sequence[int]) -> list[Touching]:
-        """What touches in these of the episodes; their numbers are those among `episodes`."""
+        """What touches in these of the episodes; their numbers are those among `episodes`.
+
+        For as long as is looked for errors that grow. Later, replays may be far astray.
+        """
         if not len(episodes):
             return []
-        few = Readings(self._readings.actions[[*episodes]], self._readings.values[[*episodes]])
+        steps = round(LONGEST_S / self._loop.physics.simulator.step_s)
+        actions, values = self._readings.actions, self._readings.values
+        few = Readings(actions[[*episodes], :steps], values[[*episodes], : steps + 1])
         whole = self._loop.cut(few, self._unit, np.zeros(few.values.shape[-1]))
         return touching(self._loop, whole, whole.states, self._unit)

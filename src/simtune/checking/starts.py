@@ -5,11 +5,10 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from simtune.columns import cut
-from simtune.observation import JointSensor
+from simtune.checking.servos.doubt import Doubt, grouped
+from simtune.observation import JointSensor, columns_of
 from simtune.simulation import Simulator
 
-_MOST_NAMED = 4  # other joints
 _STARTS = 64  # drawn
 _SLACK = 0.25  # of what starts spread over: farther outside is far
 _LEAST = 0.05  # of the model's extent, or rad: nearer is no other place
@@ -28,34 +27,27 @@ def far_starts(
     worlds = np.tile(simulator.space.nominal, (_STARTS, 1))
     begun = simulator.begin(worlds, np.random.default_rng((seed, 6))).states[:, 0]
     positions = simulator.state_space.positions_and_velocities(begun)
-    columns = [
-        (s, joint, int(place), np.isfinite(period))
-        for s in sensors
-        for joint, place, period in zip(s.joints, s.places, s.periods, strict=True)
-    ]
-    found = dict[str, str]()
-    for (sensor, name, place, turns), its in zip(columns, np.moveaxis(values, -1, 0), strict=True):
-        read, joint = its[:, 0][np.isfinite(its[:, 0])], model.joint(name)
+    found = []
+    for (sensor, column), its in zip(columns_of(sensors), np.moveaxis(values, -1, 0), strict=True):
+        read, joint = its[:, 0][np.isfinite(its[:, 0])], model.joint(sensor.joints[column])
         if sensor.is_velocity or not len(read):
             continue
         is_hinge = joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE
-        ends = positions[:, place].min(), positions[:, place].max()
+        simulated = positions[:, sensor.places[column]]
+        ends = simulated.min(), simulated.max()
         slack = max(_SLACK * (ends[1] - ends[0]), _LEAST * (1.0 if is_hinge else model.stat.extent))
         knows_zero = not sensor.finds_offsets
-        if turns:
+        if np.isfinite(sensor.periods[column]):
             middle = sum(ends) / 2 if knows_zero else _middle(read)
             read = _within_half_a_turn(read, of=float(middle))
         if _is_outside(read, ends, slack, knows_zero=knows_zero):
             mend = _MEND if is_hinge or joint.limited[0] else f"give the joint a range, or {_MEND}"
-            found[name] = (
-                f"begins at {read.min():.3g} to {read.max():.3g} {sensor.unit} in readings, and at "
-                f"{ends[0]:.3g} to {ends[1]:.3g} in simulated worlds{{alike}}: {mend}"
+            says = (
+                f"{joint.name} begins at {read.min():.3g} to {read.max():.3g} {sensor.unit} in "
+                f"readings, and at {ends[0]:.3g} to {ends[1]:.3g} in simulated worlds: {mend}"
             )
-    if not found:
-        return []
-    first, *others = found
-    alike = f" ({cut(others, _MOST_NAMED)}, too)" * bool(others)
-    return [f"{first} {found[first].format(alike=alike)}"]
+            found.append(Doubt(says, mend, joint.name))
+    return grouped(found)
 
 
 def _within_half_a_turn(angles: np.ndarray, of: float) -> np.ndarray:

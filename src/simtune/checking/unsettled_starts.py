@@ -13,16 +13,17 @@ import numpy as np
 from simtune.columns import counted, cut
 from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.stretches import filled
-from simtune.observation import measured_places
+from simtune.observation import columns_of, measured_places
 from simtune.parameters.fields import OF_JOINTS
 from simtune.simulation.loose_objects import passive_joints
-from simtune.simulation.servos import position_servos
 
 _HELD_S = 0.3  # in which what nothing carries falls 44 cm
 _FAR_M, _FAR_RAD = 5e-3, np.radians(2)  # at rest, models a payload off settle by .5 mm and .1°
 # A robot that is walking tilts when it is held; farther than this it is thrown, or falls freely
 _FAR_IN_MOTION_M = 0.1
 _CALM_S, _CALM = 0.1, 0.03  # s, and rad or m that joints at rest may move in that time
+_AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
+_ON_SITE, _ON_BODY = mujoco.mjtTrn.mjTRN_SITE.value, mujoco.mjtTrn.mjTRN_BODY.value
 _FREE, _SLIDE = mujoco.mjtJoint.mjJNT_FREE.value, mujoco.mjtJoint.mjJNT_SLIDE.value
 _MOST_NAMED = 5  # episodes
 
@@ -31,18 +32,35 @@ def free_bases(loop: OpenLoopReplay) -> list[int]:
     """Bodies that servos of positions stand on, and that nothing holds or wholly measures."""
     model = loop.physics.simulator.model
     passive, measured = set(passive_joints(model).tolist()), measured_places(loop.sensors)
-    is_moved = np.isin(model.actuator_trntype, OF_JOINTS)
+    pushed = _pushed_trees(model)
     found = dict[int, bool]()
-    for actuator in np.flatnonzero(is_moved):
-        body = model.body_parentid[model.jnt_bodyid[model.actuator_trnid[actuator, 0]]]
+    for joint, is_held in _driven_joints(model).items():
+        body = model.body_parentid[model.jnt_bodyid[joint]]
         while body and not model.body_jntnum[body]:
             body = model.body_parentid[body]
         above = _joints_up_from(model, int(body))
         unmeasured = [j for j in above if model.jnt_qposadr[j] not in measured]
-        if passive.issuperset(above) and np.isin(model.jnt_type[unmeasured], (_FREE, _SLIDE)).any():
-            is_servo = bool(position_servos(model)[actuator])
-            found[int(body)] = found.get(int(body), True) and is_servo
-    return [body for body, are_servos in found.items() if are_servos]
+        is_free = np.isin(model.jnt_type[unmeasured], (_FREE, _SLIDE)).any()
+        if is_free and passive.issuperset(above) and model.body_treeid[body] not in pushed:
+            found[int(body)] = found.get(int(body), True) and is_held
+    return [body for body, are_held in found.items() if are_held]
+
+
+def _driven_joints(model: mujoco.MjModel) -> dict[int, bool]:
+    """{joint: whether an actuator of it pulls it to a place}; others of it may damp it."""
+    found = dict[int, bool]()
+    pulls = (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
+    for actuator in np.flatnonzero(np.isin(model.actuator_trntype, OF_JOINTS)):
+        joint = int(model.actuator_trnid[actuator, 0])
+        found[joint] = found.get(joint, False) or bool(pulls[actuator])
+    return found
+
+
+def _pushed_trees(model: mujoco.MjModel) -> set[int]:
+    """Kinematic trees with actuators of sites or bodies, such as rotors, which may carry them."""
+    kind, on = model.actuator_trntype, model.actuator_trnid[:, 0]
+    bodies = [*model.site_bodyid[on[kind == _ON_SITE]], *on[kind == _ON_BODY]]
+    return set(model.body_treeid[bodies].tolist()) if bodies else set()
 
 
 def _joints_up_from(model: mujoco.MjModel, body: int) -> list[int]:
@@ -66,8 +84,10 @@ def unsettled(
     if simulator.action_mapping.is_relative:
         return []
     moved, turned = _held(loop, base, readings, unit)
-    calm = filled(readings.values[:, : 1 + max(1, round(_CALM_S / step_s))])
-    is_calm = np.ptp(calm, axis=1).max(-1) < _CALM
+    first = filled(readings.values[:, : 1 + max(1, round(_CALM_S / step_s))])
+    of_speed = [sensor.is_velocity for sensor, _ in columns_of(loop.sensors)]
+    went = np.where(of_speed, step_s * np.cumsum(first, axis=1), first)
+    is_calm = np.ptp(went, axis=1).max(-1) < _CALM
     away = np.linalg.norm(moved, axis=-1).max(1)
     is_far = np.where(is_calm, (away > _FAR_M) | (turned > _FAR_RAD), away > _FAR_IN_MOTION_M)
     if not is_far.any():

@@ -121,11 +121,10 @@ def _touching(
 
 
 def better_in(replayed: Replayed) -> dict[str, int]:
-    """{reading: the number of episodes in which less is left after tuning}."""
-    before, after = (
-        np.nansum(np.square(values - replayed.measured), 1)
-        for values in (replayed.before, replayed.after)
-    )
+    """{reading: the number of episodes in which less is left after tuning, where both replay}."""
+    of_both = np.stack([replayed.before, replayed.after]) - replayed.measured
+    known = np.isfinite(of_both).all(0)
+    before, after = np.where(known, np.square(of_both), 0).sum(2)
     return dict(zip(replayed.labels, (after < before).sum(0).tolist(), strict=True))
 
 

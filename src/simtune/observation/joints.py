@@ -146,9 +146,14 @@ def joints_of(sensors: Iterable[object]) -> tuple[JointSensor, ...]:
     return tuple(sensor for sensor in sensors if isinstance(sensor, JointSensor))
 
 
+def columns_of(sensors: Sequence[JointSensor]) -> list[tuple[JointSensor, int]]:
+    """(D,) of all readings side by side: the sensor, and the column among its own."""
+    return [(sensor, column) for sensor in sensors for column in range(len(sensor.joints))]
+
+
 def units_of(sensors: Sequence[JointSensor]) -> tuple[str, ...]:
     """(D,) units of all readings side by side."""
-    return tuple(sensor.unit for sensor in sensors for _ in sensor.joints)
+    return tuple(sensor.unit for sensor, _ in columns_of(sensors))
 
 
 def assumed_noise(sensors: Sequence[JointSensor]) -> np.ndarray:

@@ -13,6 +13,7 @@ from simtune.recordings.source import (
     Reading,
     Rows,
     choose_camera,
+    kept_episodes,
     natural,
     nearest_rows,
     short,
@@ -32,14 +33,22 @@ class ArraysSource:
 
     kind = "folder of arrays"
 
-    def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
+    def __init__(
+        self,
+        folder: Path,
+        camera: str | None = None,
+        *,
+        pictures: bool = True,
+        leave_out: Sequence[str] = (),
+    ):
         self.path = folder
         self.files: Sequence[Path] = sorted(
             folder.glob(f"[!.]*{ENDING}"), key=lambda path: natural(path.stem)
         )
         self.episodes: Sequence[str] = [path.stem for path in self.files]
         self.robot_type: str | None = None
-        first = EpisodeArrays.load(self.files[0])
+        self.kept = kept_episodes(folder, self.episodes, leave_out)
+        first = EpisodeArrays.load(self._first)
         self.camera = _choose_camera(folder, first, camera) if pictures else None
         self.fps, self.action_names = first.hz(), first.action_names()
         self.readings: Sequence[Reading] = [
@@ -49,6 +58,10 @@ class ArraysSource:
             for reading in readings_of(key, (), first.width(key))
         ]
 
+    @property
+    def _first(self) -> Path:
+        return self.files[self.kept[0]]
+
     def codec(self, episode: int) -> str:
         return "raw"
 
@@ -57,7 +70,7 @@ class ArraysSource:
         actions, names = stored.table("actions"), stored.action_names()
         if names != self.action_names:
             raise InputError(
-                f"{stored.path}: expected the actions of {self.files[0].name} "
+                f"{stored.path}: expected the actions of {self._first.name} "
                 f"({short(self.action_names)}), got {short(names)}"
             )
         keys = {reading.key for reading in readings} | ({self.camera} if self.camera else set())
@@ -82,12 +95,12 @@ class ArraysSource:
             yield row / hz, frames[row]
 
     def _read(self, stored: EpisodeArrays, key: str) -> np.ndarray:
-        """(T, D) readings, as many as in the first file."""
+        """(T, D) readings, as many as in the first used file."""
         table, num = stored.table(key), sum(reading.key == key for reading in self.readings)
         if table.shape[1] != num:
             raise InputError(
                 f"{stored.path}: expected {num} numbers of {key} in a row, as in "
-                f"{self.files[0].name}, got {table.shape[1]}"
+                f"{self._first.name}, got {table.shape[1]}"
             )
         return table
 

@@ -14,7 +14,7 @@ from simtune.recordings.film import Film
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.readings import NO_PERIODS, NO_READINGS, choose_readings
 from simtune.recordings.resample import counted_on
-from simtune.recordings.source import Source, choose_actions, kept_episodes, short
+from simtune.recordings.source import Source, choose_actions, left_out, short
 from simtune.recordings.steps import Steps, check_rate, make_steps
 from simtune.recordings.turning import Turning, commands_counted_on
 from simtune.trajectory import Trajectory
@@ -35,9 +35,8 @@ class Dataset:
     number that the task needs. `readings`, {sensor: columns}, names the columns of each sensor's
     readings, see `choose_readings`. `control_hz` is the number of steps per second (None: the
     recordings' rate): frames are the nearest in time, actions are averaged over each step, and
-    readings are interpolated linearly. Episodes named in `leave_out` are not used. `turnings` are
-    actions that may begin again after a turn; their columns are those of the used actions, and of
-    all sensors' readings side by side.
+    readings are interpolated linearly. `turnings` are actions that may begin again after a turn;
+    their columns are those of the used actions, and of all sensors' readings side by side.
 
     Raises:
         InputError: the recordings do not fit; one line says what was expected and what to do.
@@ -52,7 +51,6 @@ class Dataset:
         num_actions: int | None = None,
         actions: Sequence[str] | None = None,
         control_hz: float | None = None,
-        leave_out: Sequence[str] = (),
         readings: Mapping[str, Sequence[str]] = NO_READINGS,
         turnings: Sequence[Turning] = (),
     ):
@@ -68,10 +66,9 @@ class Dataset:
         self.where = str(source.path)
         self.action_names = tuple(source.action_names[column] for column in self._columns)
         self.reading_names = tuple(reading.full_name for reading in source.readings)  # available
-        self._kept = kept_episodes(source, leave_out)  # indices of the source's
-        self.episodes = [source.episodes[index] for index in self._kept]  # names
+        self.episodes = [source.episodes[index] for index in source.kept]  # names
         self.num_episodes = len(self.episodes)
-        self._left_out = [name for name in source.episodes if name not in self.episodes]
+        self._left_out = left_out(source)
         self.num_left_out = len(self._left_out)
 
     @property
@@ -176,7 +173,7 @@ class Dataset:
         """An episode without its pictures."""
         where = f"{self.where}: {self.episodes[episode]}"
         asked = [reading for readings in self._sensors.values() for reading in readings]
-        index = self._kept[episode]
+        index = self._source.kept[episode]
         rows = self._source.rows(index, asked)
         if self._own_rate:
             check_rate(where, rows, self.step_s)
@@ -225,7 +222,9 @@ class Dataset:
         """Yield an episode's frames (H, W, 3), then record the facts on the episode."""
         pictures: Sequence[SeenPictures] = ()
         if self._film:
-            pictures = yield from self._film.frames(self._kept[episode], steps.times_s, height)
+            pictures = yield from self._film.frames(
+                self._source.kept[episode], steps.times_s, height
+            )
         self._seen[episode] = Seen(
             num_steps=len(steps.actions),
             lowest=steps.actions.min(0),

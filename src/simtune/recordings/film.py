@@ -25,14 +25,11 @@ class Shot(NamedTuple):
 class Film:
     """The shots of all cameras, of the same episodes."""
 
-    def __init__(self, shots: Sequence[Shot], where: str, first: int = 0):
-        """`where`: the recordings' path, for messages; `first`: index of the first used episode.
-
-        Raises ValueError without pictures.
-        """
+    def __init__(self, shots: Sequence[Shot], where: str):
+        """`where`: the recordings' path, for messages. Raises ValueError without pictures."""
         if any(source.camera is None for source, _ in shots):
             raise ValueError("the source was opened without pictures")
-        self._shots, self._where, self._first = shots, where, first
+        self._shots, self._where, self._first = shots, where, shots[0].source.kept[0]
 
     @property
     def files(self) -> list[Path]:

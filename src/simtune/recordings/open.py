@@ -1,5 +1,6 @@
 """Opens recordings of any kind; the kind is recognised by the files."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from simtune.recordings.lerobot import INFO_PATH, LeRobotSource
 from simtune.recordings.pairs import TABLE, VIDEOS, PairsSource
 from simtune.recordings.readings import NO_READINGS
 from simtune.recordings.robomimic import RobomimicSource
-from simtune.recordings.source import Source, kept_episodes, short
+from simtune.recordings.source import Source, short
 from simtune.recordings.turning import Turning
 
 _HDF5 = (".hdf5", ".h5")
@@ -34,46 +35,53 @@ def open_dataset(
     """Open a LeRobotDataset v3.0 or v2, robomimic's HDF5, or a folder of arrays or of pairs.
 
     Only the description of the episodes is read and checked, no pictures. `cameras`: the cameras to
-    use; a key of None means the recordings' only camera. For the other arguments see `Dataset`.
+    use; a key of None means the recordings' only camera. Episodes named in `leave_out` are not
+    used, nor looked at. For the other arguments see `Dataset`.
 
     Raises:
         InputError: it is none of these kinds, or unsound; one line says what was expected.
     """
     path = Path(path)
-    shots = [Shot(_recognise(path, f.key, control_hz, pictures=True), f) for f in cameras]
-    rows = shots[0].source if shots else _recognise(path, None, control_hz, pictures=False)
-    first = kept_episodes(rows, leave_out)[0]
+    recognise = functools.partial(_recognise, path, control_hz=control_hz, leave_out=leave_out)
+    shots = [Shot(recognise(f.key, pictures=True), f) for f in cameras]
+    rows = shots[0].source if shots else recognise(None, pictures=False)
     return Dataset(
         rows,
-        film=Film(shots, str(path), first) if shots else None,
+        film=Film(shots, str(path)) if shots else None,
         image_size=image_size,
         num_actions=num_actions,
         actions=actions,
         control_hz=control_hz,
-        leave_out=leave_out,
         readings=readings,
         turnings=turnings,
     )
 
 
 def _recognise(
-    path: Path, camera: str | None, control_hz: float | None, *, pictures: bool
+    path: Path,
+    camera: str | None,
+    *,
+    control_hz: float | None,
+    pictures: bool,
+    leave_out: Sequence[str],
 ) -> Source:
     if path.is_file() and path.suffix in _HDF5:
-        return RobomimicSource(path, camera, control_hz, pictures=pictures)
+        return RobomimicSource(path, camera, control_hz, pictures=pictures, leave_out=leave_out)
     names = _listed(path)
     if (path / INFO_PATH).is_file():
-        return LeRobotSource(path, camera, pictures=pictures)
+        return LeRobotSource(path, camera, pictures=pictures, leave_out=leave_out)
     if hdf5 := [name for name in names if name.endswith(_HDF5)]:
         if len(hdf5) > 1:
             raise InputError(f"{path}: has several HDF5 files, give one of them: {short(hdf5)}")
-        return RobomimicSource(path / hdf5[0], camera, control_hz, pictures=pictures)
+        return RobomimicSource(
+            path / hdf5[0], camera, control_hz, pictures=pictures, leave_out=leave_out
+        )
     are_pairs = any(name.lower().endswith((*VIDEOS, TABLE)) for name in names)
     has_arrays = any(name.endswith(ARRAYS) for name in names)
     if has_arrays and (not are_pairs or holds_episodes(path)):
-        return ArraysSource(path, camera, pictures=pictures)
+        return ArraysSource(path, camera, pictures=pictures, leave_out=leave_out)
     if are_pairs:
-        return PairsSource(path, camera, pictures=pictures)
+        return PairsSource(path, camera, pictures=pictures, leave_out=leave_out)
     raise InputError(
         f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset), *.hdf5 "
         "(robomimic), *.npz and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "

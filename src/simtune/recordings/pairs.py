@@ -13,7 +13,16 @@ from simtune.errors import InputError
 from simtune.recordings import video
 from simtune.recordings.csv_table import MEASURED, is_reading, is_time, read_header, read_rows
 from simtune.recordings.readings import gather, readings_of
-from simtune.recordings.source import Lines, Reading, Rows, first_wrong, is_rate, natural, short
+from simtune.recordings.source import (
+    Lines,
+    Reading,
+    Rows,
+    first_wrong,
+    is_rate,
+    kept_episodes,
+    natural,
+    short,
+)
 
 _OTHER_CLOCK = 10  # times as late as the video's end: milliseconds, or seconds since 1970
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # case-insensitive
@@ -26,7 +35,14 @@ class PairsSource:
     file has no partner, or the tables' columns differ.
     """
 
-    def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
+    def __init__(
+        self,
+        folder: Path,
+        camera: str | None = None,
+        *,
+        pictures: bool = True,
+        leave_out: Sequence[str] = (),
+    ):
         if pictures and camera is not None:
             raise InputError(
                 f"{folder}: pairs of mp4 and csv have one camera, without a name; "
@@ -43,7 +59,8 @@ class PairsSource:
         self.kind = f"folder of {' and '.join(found)}"
         self._is_acted_on = bool(self._tables)
         self.episodes: Sequence[str] = sorted(self._tables or self._videos, key=natural)
-        self._header = read_header(self._table(0)) if self._tables else []
+        self.kept = kept_episodes(folder, self.episodes, leave_out)
+        self._header = read_header(self._table(self.kept[0])) if self._tables else []
         self._is_timed = any(map(is_time, self._header))
         measured = [name for name in self._header if is_reading(name)]
         self._actions = [
@@ -71,8 +88,8 @@ class PairsSource:
         header = read_header(path)
         if header != self._header:
             raise InputError(
-                f"{path}: expected the columns of {self._table(0).name} ({short(self._header)}), "
-                f"got {short(header)}"
+                f"{path}: expected the columns of {self._table(self.kept[0]).name} "
+                f"({short(self._header)}), got {short(header)}"
             )
         table, lines = read_rows(path, len(header))
         measured = table[:, [is_reading(name) for name in header]]
@@ -112,11 +129,11 @@ class PairsSource:
         return self._tables[self.episodes[episode]]
 
     def _fps(self) -> float:
-        """Rows per second of the first episode."""
-        times_s = self.rows(0).times_s
+        """Rows per second of the first used episode."""
+        times_s = self.rows(first := self.kept[0]).times_s
         fps = float(f"{1 / typical_step_s(times_s):.6g}")  # clocks are not more precise than that
         if not is_rate(fps):
-            where = self._table(0) if self._is_acted_on else self._video(0)
+            where = self._table(first) if self._is_acted_on else self._video(first)
             raise InputError(f"{where}: its rows come {fps:g} times a second; in seconds?")
         return fps
 

@@ -19,6 +19,7 @@ from simtune.recordings.source import (
     Rows,
     choose_camera,
     is_rate,
+    kept_episodes,
     nearest_rows,
     short,
 )
@@ -43,6 +44,7 @@ class RobomimicSource:
         fps: float | None = None,
         *,
         pictures: bool = True,
+        leave_out: Sequence[str] = (),
     ):
         self.path = path
         self.files: Sequence[Path] = [path]
@@ -58,13 +60,16 @@ class RobomimicSource:
                     "(docs/recordings.md)"
                 )
             self.episodes: Sequence[str] = sorted(names, key=lambda name: (len(name), name))
+            self.kept = kept_episodes(path, self.episodes, leave_out)
             self.robot_type, own_fps = _environment(data.attrs.get("env_args"))
             observed = self._observed()
             self.camera = self._choose_camera(observed, camera) if pictures else None
             self.readings: Sequence[Reading] = [
                 reading for key in observed for reading in _readings(key, observed[key])
             ]
-        self.action_names = tuple(f"action_{i}" for i in range(self._actions(0).shape[1]))
+        self.action_names = tuple(
+            f"action_{i}" for i in range(self._actions(self.kept[0]).shape[1])
+        )
         self.fps = own_fps or fps or 0.0
         if not self.fps:
             raise InputError(
@@ -78,7 +83,7 @@ class RobomimicSource:
         where, actions = self._where(episode), self._actions(episode)
         if actions.shape[1] != (num := len(self.action_names)):
             raise InputError(
-                f"{where}: expected actions (T, {num}), as in {self.episodes[0]}, got "
+                f"{where}: expected actions (T, {num}), as in {self._first}, got "
                 f"{actions.shape}; give all the same actions, or leave the demo out"
             )
         num_pictures = len(actions) if self.camera is None else len(self._pictures(episode))
@@ -102,6 +107,10 @@ class RobomimicSource:
                 with hdf5.sound(f"{self.path}, row {row}"):
                     block = stored[row : row + size]
             yield row / self.fps, block[row - first]
+
+    @property
+    def _first(self) -> str:
+        return self.episodes[self.kept[0]]
 
     def _where(self, episode: int) -> str:
         """The episode's name in messages."""
@@ -130,7 +139,7 @@ class RobomimicSource:
         return stored
 
     def _observation(self, episode: int, key: str, num_rows: int) -> np.ndarray:
-        """(T, D) observation `key`, which must have the first episode's width D."""
+        """(T, D) observation `key`, which must have the first used episode's width D."""
         where, stored = self._where(episode), self._stored(episode, f"obs/{key}")
         width = sum(reading.key == key for reading in self.readings)
         if _width(stored) != width or len(stored) != num_rows:
@@ -141,8 +150,8 @@ class RobomimicSource:
         return hdf5.read_floats(where, stored).reshape(num_rows, width)
 
     def _observed(self) -> dict[str, Any]:
-        """{key: dataset} of the first episode's obs."""
-        demo = self._file["data"][self.episodes[0]]
+        """{key: dataset} of the first used episode's obs."""
+        demo = self._file["data"][self._first]
         observed = demo.get("obs", {}) if hdf5.keys(demo) else {}
         return {key: observed.get(key) for key in hdf5.keys(observed)}
 
@@ -151,7 +160,7 @@ class RobomimicSource:
         cameras = [key for key, stored in observed.items() if hdf5.is_pictures(stored)]
         if not cameras:
             raise InputError(
-                f"{self.path}: no pictures (T, H, W, 3) uint8 in /data/{self.episodes[0]}/obs; "
+                f"{self.path}: no pictures (T, H, W, 3) uint8 in /data/{self._first}/obs; "
                 f"there are: {short(list(observed))}"
             )
         return choose_camera(self.path, cameras, camera, "{}_image")

@@ -66,6 +66,7 @@ class Source(Protocol):
     readings: Sequence[Reading]  # all available ones
     robot_type: str | None
     episodes: Sequence[str]  # names
+    kept: Sequence[int]  # indices of those that are used; all must be like the first of these
     files: Sequence[Path]  # all files that the content depends on
 
     def codec(self, episode: int) -> str:
@@ -129,20 +130,31 @@ def short(names: Sequence[str]) -> str:
     return ", ".join(name if name.isprintable() else repr(name) for name in names)
 
 
-def kept_episodes(source: Source, leave_out: Sequence[str]) -> list[int]:
+def kept_episodes(where: Path, episodes: Sequence[str], leave_out: Sequence[str]) -> Sequence[int]:
     """Indices of the episodes that are not left out; `3` is short for `episode 3`.
 
     Raises InputError if there is no such episode, or none is left.
     """
-    names = [name.removeprefix("episode ") for name in source.episodes]
+    names = [name.removeprefix("episode ") for name in episodes]
     asked = [name.removeprefix("episode ") for name in leave_out]
     for name in asked:
         if name not in names:
-            raise UnknownName("episode", name, f"{source.path}, as --leave-out has it", names)
+            raise UnknownName("episode", name, f"{where}, as --leave-out has it", names)
     kept = [index for index, name in enumerate(names) if name not in asked]
     if not kept:
-        raise InputError(f"{source.path}: no episode remains of {len(names)}: leave out fewer")
+        raise InputError(f"{where}: no episode remains of {len(names)}: leave out fewer")
     return kept
+
+
+def left_out(source: Source) -> list[str]:
+    """Names of the episodes that are not used."""
+    kept = set(source.kept)
+    return [name for index, name in enumerate(source.episodes) if index not in kept]
+
+
+def leave_out_option(names: Sequence[str]) -> str:
+    """The option to type; it replaces an earlier one, so names are all episodes to leave out."""
+    return f"--leave-out {','.join(name.removeprefix('episode ') for name in names)}"
 
 
 def choose_camera(where: Path, cameras: Sequence[str], asked: str | None, full_name: str) -> str:

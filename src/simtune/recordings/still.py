@@ -1,6 +1,7 @@
 """Decodes single pictures, PNG or JPEG, from untrusted sources."""
 
 import io
+import re
 
 import av
 import av.error
@@ -10,7 +11,9 @@ from simtune.errors import InputError
 from simtune.recordings.video import MOST_PIXELS, TO_RGB
 
 _BEGINS = {"png": b"\x89PNG\r\n\x1a\n", "jpeg": b"\xff\xd8\xff"}
-_SCAN, _END = b"\xff\xda", b"\xff\xd9"  # markers in a JPEG: its coded pixels have neither
+_END = 0xD9  # a JPEG's last marker
+# Of a segment, or the end; what else follows FF is part of coded pixels, or fills up
+_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
 _DAMAGED = "a picture is damaged; copy the file again"
 
 
@@ -26,7 +29,7 @@ def decode_picture(data: bytes) -> np.ndarray:
     """(H, W, 3) uint8 RGB of a file's content. Raises InputError."""
     # The kind is given: FFmpeg would also take a playlist, which makes it open other files.
     kind = kind_of(data)
-    if kind == "jpeg" and data.rfind(_END) < data.rfind(_SCAN):
+    if kind == "jpeg" and not _has_end(data):
         raise InputError(_DAMAGED)  # cut: FFmpeg would make the rest grey, and say nothing
     try:
         with av.open(io.BytesIO(data), "r", format=f"{kind}_pipe") as container:
@@ -47,3 +50,11 @@ def decode_picture(data: bytes) -> np.ndarray:
         raise InputError(
             f"a picture cannot be decoded ({error.strerror}); copy the file again"
         ) from None
+
+
+def _has_end(data: bytes) -> bool:
+    """Whether a JPEG's segments lead to its end, whatever comes after."""
+    at = 2
+    while (marker := _MARKER.search(data, at)) and marker[0][1] != _END:
+        at = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2])
+    return marker is not None

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from simtune.columns import counted, episode_in_words
+from simtune.recordings.source import leave_out_option
 
 _MOST_LEFT_OUT = 5  # episodes that may be advised to leave out
 
@@ -25,9 +26,7 @@ def of_lengths(
     without = "without it" if num == 1 else f"without the {num} shortest"
     option = ""
     if names:
-        listed = [*left_out, *(names[i] for i in order[:num])]
-        short = ",".join(name.removeprefix("episode ") for name in listed)
-        option = f" (--leave-out {short})"
+        option = f" ({leave_out_option([*left_out, *(names[i] for i in order[:num])])})"
     advice = f"{without}{option}, {max(wins)} more would be used"
     return [
         f"episodes last {min(lengths)} to {max(lengths)} steps: all are cut to the shortest, "

@@ -24,6 +24,13 @@ def velocity_servos(model: mujoco.MjModel) -> np.ndarray:
     return brakes & np.isin(model.actuator_dyntype, FOLLOWS)
 
 
+def motors(model: mujoco.MjModel) -> np.ndarray:
+    """(nactuator,) bool: whether a force is as large as the control says, wherever the joint is."""
+    has_none = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value
+    is_fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED.value
+    return has_none & is_fixed & np.isin(model.actuator_dyntype, FOLLOWS)
+
+
 def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:
     """A servo sends its joint to the position, or speed, `shift` + `factor` · control.
 

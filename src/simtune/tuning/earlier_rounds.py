@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import simtune
+from simtune.errors import InputError
 from simtune.fit import Refits
 from simtune.tuning.estimate import Estimate
 
@@ -35,6 +37,12 @@ class EarlierRounds:
 
     @classmethod
     def from_json(cls, saved: Mapping[str, Any]) -> "EarlierRounds":
-        """The inverse of `to_json`."""
+        """The inverse of `to_json`. Raises InputError for other fields, of another version."""
+        if others := sorted(saved.keys() ^ cls().to_json().keys()):
+            raise InputError(
+                f"the checkpoint's earlier rounds are of an older version, and simtune "
+                f"{simtune.__version__} has other fields ({', '.join(others)}): go on with the "
+                "former version, or start anew"
+            )
         refits, estimate = saved["refits"], saved["estimate"]
         return cls(refits and Refits.from_json(refits), estimate and Estimate.from_json(estimate))

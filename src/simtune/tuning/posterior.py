@@ -16,6 +16,7 @@ A round is sequential neural posterior estimation with a truncated prior, follow
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,8 @@ class PosteriorSearch:
         budget, is_last = self._plan(real, budget)
         learned, metrics = self._learn(real, budget, callbacks.save)
         estimate, curves = self._judge(learned, by_readings, is_last, budget, callbacks)
+        if doubts := self._readings_first.warnings:
+            estimate = replace(estimate, warnings=[*doubts, *estimate.warnings])
         estimate, events = self._move(estimate, curves, learned.searched)
         return Round(estimate, events, metrics)
 

@@ -49,7 +49,7 @@ from simtune.tuning.search import (
 )
 
 _JUDGING = 0.15  # of the time left for whole episodes
-# Times relative to derivatives of whole episodes: judging, a search, what check would say
+# Times relative to derivatives of whole episodes: judging, fits to them, what check would say
 _JUDGED, _WHOLE_SEARCH, _CHECKED = 1.2, 15.0, 1.5
 
 
@@ -75,7 +75,7 @@ class ReadingsSearch:
         shown = [p.name for p in simulator.space if p.is_appearance]
         if len(shown) == len(simulator.space):
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
-        self.config, self._context, self._simulator = config or ReadingsConfig(), context, simulator
+        self.config, self.context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = context.first
         self.stop_reason = ""
         self._derived_s = 0.0  # seconds of all derivatives of whole episodes, once measured
@@ -100,13 +100,14 @@ class ReadingsSearch:
         loop.play(stretches, stretches.states[None], unit[None])
         once_s, steps = time.monotonic() - began_s, sum(map(len, real))
         self._derived_s = method.num_worlds * once_s
-        horizons = self.config.horizons.growing
-        grown = sum(min(h.seconds / self._simulator.step_s * h.stretches, steps) for h in horizons)
-        least_s = (grown / steps + 2) * self._derived_s
+        horizons, step_s = self.config.horizons, self._simulator.step_s
+        grown = sum(h.share(steps, step_s) for h in horizons.growing)
+        least_s = (grown + 2) * self._derived_s
+        searched = _WHOLE_SEARCH + horizons.derivatives(steps, step_s, self._may_be_late)
         checked = _CHECKED * min(1.0, MOST_EPISODES / len(real))
         return TimeNeeded(
             least_s,
-            max(least_s, _WHOLE_SEARCH * self._derived_s),
+            max(least_s, searched * self._derived_s),
             checked * self._derived_s,
             slow_steps(1.0, once_s / steps),
         )
@@ -126,7 +127,7 @@ class ReadingsSearch:
             self.stop_reason = f"every parameter is known to {100 * precision:g} %"
         elif found.is_sure or found.num_fits >= self.config.horizons.most_fits:
             self.stop_reason = "another round would tell hardly more"  # else more fits may agree
-        rms = zip(self._context.observation.reading_labels, fit.noise, strict=True)
+        rms = zip(self.context.observation.reading_labels, fit.noise, strict=True)
         return Round(fit.estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
 
     def fit(self, real: list[Trajectory], budget: Budget) -> ReadingsFit:
@@ -138,14 +139,14 @@ class ReadingsSearch:
         found, late = self._find(method, readings, budget)
         budget.report("judging how sure that is", 0.9)
         judged, step_s = method.judge(found.best, budget), self._simulator.step_s
-        seen = self._context.observation
+        seen = self.context.observation
         return conclude(judged, found, self.first, seen, late, step_s, loop.unseen)
 
     def _find(
         self, method: OutputErrorMethod, readings: Readings, budget: Budget
     ) -> tuple[BestDescent, int]:
         """The best of several fits, and the number of steps by which actions are late."""
-        space, step_s, seed = self.first.space, self._simulator.step_s, self._context.seed
+        space, step_s, seed = self.first.space, self._simulator.step_s, self.context.seed
         begin, num = method.prior, len(space)
         low, high = (  # what is not searched stays: what pictures show, and a lateness
             np.append(np.where(space.is_appearance, begin[:num], space.to_unit(end)), begin[num:])
@@ -177,12 +178,12 @@ class ReadingsSearch:
     @property
     def _may_be_late(self) -> bool:
         """Whether actions or readings may be."""
-        return self._context.observation.unknown_latency_steps(self._simulator) > 0
+        return self.context.observation.unknown_latency_steps(self._simulator) > 0
 
     def look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
         """Readings of these episodes, and what replays them."""
-        seen = self._context.observation
-        loop = OpenLoopReplay.of(self._simulator, seen, self._context.start)
+        seen = self.context.observation
+        loop = OpenLoopReplay.of(self._simulator, seen, self.context.start)
         loop = loop.with_lateness() if self._may_be_late else loop
         readings = Readings.of(real, loop.sensors)
         return readings, loop.where_starts_show(readings, self._begin(loop))

@@ -39,6 +39,20 @@ _NO_SAY = "Joint readings alone had no say in the estimates: "
 _CONTRADICTS = 3.0
 
 
+def search_of(context: SearchContext, real: list[Trajectory]) -> ReadingsSearch | None:
+    """None if nothing is read, or nothing moves that readings could show.
+
+    Also None if joints that nothing measures begin anywhere and readings show where, such as a
+    walker's torso: windows are replayed then, of which pictures show the states, too.
+    """
+    simulator, seen = context.simulator, context.observation
+    is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
+    if not is_readable or not isinstance(simulator, Simulator):
+        return None
+    search = ReadingsSearch(context)
+    return None if search.look_at(real)[1].unseen else search
+
+
 class ReadingsEstimate:
     """An estimate from readings, and which of its parameters are held."""
 
@@ -56,26 +70,13 @@ class ReadingsEstimate:
 
     @classmethod
     def fitted(
-        cls, context: SearchContext, real: list[Trajectory], budget: Budget
-    ) -> "ReadingsEstimate | None":
-        """None if nothing is read, or nothing moves that readings could show.
-
-        Also None if joints that nothing measures begin anywhere and readings show where, such as a
-        walker's torso, or if the `budget` is too short to replay whole episodes: windows are
-        replayed then, of which pictures show the states, too.
-        """
-        simulator, seen = context.simulator, context.observation
-        is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
-        if not is_readable or not isinstance(simulator, Simulator):
-            return None
-        search = ReadingsSearch(context)
-        if search.look_at(real)[1].unseen:
-            return None
-        loop, joints = OpenLoopReplay.of(simulator, seen, context.start), None
+        cls, search: ReadingsSearch, real: list[Trajectory], budget: Budget
+    ) -> "ReadingsEstimate":
+        """What a `search_of` readings finds."""
+        context, joints = search.context, None
+        loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
         if loop.measured.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
-        if not budget.is_endless and search.measure_time(real).least_s > budget.seconds_left:
-            return None
         return cls(search.fit(real, budget), joints)
 
     def fit_config(self, config: FitConfig) -> FitConfig:

@@ -4,12 +4,18 @@ from typing import Any
 
 from simtune.budget import Budget
 from simtune.trajectory import Trajectory
-from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings_estimate import ReadingsEstimate, search_of
 from simtune.tuning.search import SearchContext
 
 _SHARE = 0.35  # of all time
 # At least, since keypoints of what readings tell are not looked for (`keypoints_of_run`)
 _LEAST_SHARE = 0.15
+_NO_TIME = (
+    "There was no time to fit the joint readings alone, over whole episodes, before the videos: "
+    "that takes {:.0f} s here, {:.0f} s were left for it. Windows of a quarter of a second, which "
+    "are fitted with the videos, tell less of servos, dampings and frictions. Give it more "
+    "minutes, or look at the readings alone (--observe joints)."
+)
 
 
 class ReadingsFirst:
@@ -18,6 +24,7 @@ class ReadingsFirst:
     def __init__(self, context: SearchContext):
         self._context = context
         self._estimate: ReadingsEstimate | None = None
+        self.warnings: list[str] = []
         # Episodes before the first round, which come last in later ones; a later session reads the
         # same ones again
         self._num_episodes = 0
@@ -25,7 +32,7 @@ class ReadingsFirst:
     def fit(
         self, real: list[Trajectory], round_s: float, budget: Budget
     ) -> ReadingsEstimate | None:
-        """None if readings alone tell nothing, see `ReadingsEstimate.fitted`.
+        """None if readings alone tell nothing, see `search_of`, or whole episodes take too long.
 
         `round_s`: what the smallest sound round needs of the time.
         """
@@ -36,8 +43,18 @@ class ReadingsFirst:
             part = budget.part(seconds, (0.0, 0.1), "readings: ")
             self._num_episodes = self._num_episodes or len(real)
             first = real[-self._num_episodes :]
-            self._estimate = ReadingsEstimate.fitted(self._context, first, part)
+            self._fit(first, part)
         return self._estimate
+
+    def _fit(self, real: list[Trajectory], budget: Budget) -> None:
+        search, self.warnings = search_of(self._context, real), []
+        if search is None:
+            return
+        least_s = 0.0 if budget.is_endless else search.measure_time(real).least_s
+        if least_s > (left_s := budget.seconds_left):
+            self.warnings = [_NO_TIME.format(least_s, max(left_s, 0.0))]
+            return
+        self._estimate = ReadingsEstimate.fitted(search, real, budget)
 
     def state(self) -> dict[str, Any]:
         """JSON."""

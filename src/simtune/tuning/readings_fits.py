@@ -48,7 +48,13 @@ class Horizon(NamedTuple):
     guesses: int  # starts that are followed
     stretches: int  # at most; more hardly add information
 
+    def share(self, steps: int, step_s: float) -> float:
+        """Of all steps of the episodes, those that lie in its stretches."""
+        return min(self.seconds / step_s * self.stretches / steps, 1.0)
 
+
+# Shares of the iterations that are made, and delays that are tried, usually
+_GROWING, _LOOKING, _DELAYS = 0.25, 0.45, 4
 _LATE = Horizon(1.0, 1, 24)  # horizon at which a delay is searched for
 
 
@@ -66,6 +72,16 @@ class Horizons:
     late_iterations: int = 3
     whole_iterations: int = 15
     most_fits: int = 8  # to whole episodes
+
+    def derivatives(self, steps: int, step_s: float, may_be_late: bool) -> float:
+        """About how many, of episodes with so many steps in all, are taken before whole ones are
+        fitted: descents end early, and less often where a delay is looked for.
+        """
+        grown = sum(h.share(steps, step_s) * h.guesses for h in self.growing)
+        to_late = (h.share(steps, step_s) for h in self.growing if h.seconds <= _LATE.seconds)
+        late = self.iterations * sum(to_late)
+        late += _DELAYS * self.late_iterations * _LATE.share(steps, step_s)
+        return _GROWING * self.iterations * grown + _LOOKING * late * may_be_late
 
 
 class ReadingsFits:

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.observation import JointSensor
+from simtune.observation import JointSensor, columns_of
 from simtune.simulation import Simulator
 from simtune.simulation.servos import (
     control_limits,
@@ -38,10 +38,10 @@ class Servo(NamedTuple):
 def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Servo | None]:
     """For each reading the servo that actions command, or None, as for speeds at a position's."""
     by_joint = _by_joint(simulator)
-    found = [(s.is_velocity, by_joint.get(joint)) for s in sensors for joint in s.joints]
+    found = [(s, by_joint.get(s.joints[column])) for s, column in columns_of(sensors)]
     return [
-        None if servo is None or (is_velocity and not servo.of_speed) else servo
-        for is_velocity, servo in found
+        None if servo is None or (sensor.is_velocity and not servo.of_speed) else servo
+        for sensor, servo in found
     ]
 
 

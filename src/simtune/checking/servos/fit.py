@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from simtune.normal import MAD_TO_STD
+from simtune.checking.servos.roughness import roughness
 
 _LONGEST_LAG_S = 0.6
 _FEWEST_LAG_STEPS = 4.0  # tried, however long a step is
@@ -35,7 +35,7 @@ class ServoResponse:
     filtered_lag_s: float
     filtered_offset: float
     filtered_rms: float  # residuals with these
-    noise: float  # standard deviation; jerky motion counts as noise, too
+    noise: float  # of the readings, standard deviation; NaN if they never change
     travel: float  # how far the joint moves
     commanded: float  # how far its command moves
 
@@ -46,7 +46,7 @@ def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> ServoRes
     NaN for what its command cannot tell, such as the delay of a constant one.
     """
     travel, commanded = _travel(measured), _travel(commands)
-    noise = noise_of(measured)
+    noise = roughness(measured)
     if not commanded > 0 or not np.isfinite(travel):
         unknown = dict.fromkeys(ServoResponse.__annotations__, np.nan)
         known = {"noise": noise, "travel": travel, "commanded": commanded}
@@ -104,16 +104,6 @@ def filtered_by(command: np.ndarray, steps: float) -> np.ndarray:
     now, before = 1 - steps * (1 - stays), steps * (1 - stays) - stays
     first = np.array([(before + stays) * command[0]])
     return lfilter([now, before], [1, -stays], command, zi=first)[0]
-
-
-def noise_of(measured: Episodes) -> float:
-    """Standard deviation of white noise, from second differences, whose variance is 6-fold.
-
-    By their median, so that occasional jumps do not count.
-    """
-    second = np.concatenate([np.diff(values, 2) for values in measured])
-    second = np.abs(second[np.isfinite(second)])
-    return float(MAD_TO_STD * np.median(second) / np.sqrt(6)) if len(second) else float("nan")
 
 
 def _longest_lag(step_s: float) -> float:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from simtune.checking.servos.doubt import Doubt, grouped
-from simtune.observation import JointSensor
+from simtune.observation import JointSensor, columns_of
 
 WIDER = 1.25  # than the joint's range: limits are soft
 # Nothing that a joint strikes makes it so; less is left to its commands, which tell more
@@ -24,12 +24,10 @@ def beyond_ranges(
 
     An encoder's zero may be anywhere.
     """
-    columns = [(sensor, joint) for sensor in sensors for joint in sensor.joints]
-    found = []
-    for (sensor, joint), read, factor in zip(
-        columns, np.moveaxis(values, -1, 0), wider, strict=True
-    ):
-        limits, known = model.joint(joint), read[np.isfinite(read)]
+    found, by_column = [], np.moveaxis(values, -1, 0)
+    for (sensor, column), read, factor in zip(columns_of(sensors), by_column, wider, strict=True):
+        joint, known = sensor.joints[column], read[np.isfinite(read)]
+        limits = model.joint(joint)
         if sensor.is_velocity or not limits.limited[0] or not len(known):
             continue
         (low, high), (least, most) = limits.range, np.quantile(known, _USUAL)

@@ -6,12 +6,11 @@ import mujoco
 import numpy as np
 
 from simtune.checking.servos.commands import commanded_spans
-from simtune.columns import cut
-from simtune.observation import JointSensor
+from simtune.checking.servos.doubt import Doubt, grouped
+from simtune.observation import JointSensor, columns_of
 from simtune.simulation import Simulator
 
 _FAR = 50.0  # times a model's extent: farther than robots drive, and pixels or mm are more
-_MOST_NAMED = 4  # other joints
 _USUAL = (0.01, 0.99)  # quantiles of readings
 
 
@@ -20,28 +19,27 @@ def far_beyond_model(
     actions: Sequence[np.ndarray],
     sensors: Sequence[JointSensor] = (),
     values: np.ndarray | None = None,
-) -> str | None:
-    """A sentence on slides that are commanded, or without a servo read, far beyond the model.
+) -> list[str]:
+    """On slides that are commanded, or without a servo read, far beyond the model.
 
     `actions`: (T, A) of episodes; `values`: (E, T + 1, D) readings of the sensors.
     """
     model, commanded = simulator.model, commanded_spans(simulator, actions)
     read = {} if values is None else _read(sensors, values)
-    far = {}
+    found = []
     for joint in range(model.njnt):
         name = model.joint(joint).name
         is_slide = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
         # Readings of a joint with a servo are compared with its commands, which tell more
         span = commanded.get(name, read.get(name, 0.0))
         if is_slide and span > _FAR * model.stat.extent:
-            far[name] = _says(name, commanded, read)
-    if not far:
-        return None
-    alike = f" ({cut(list(far)[1:], _MOST_NAMED)}, too)" * (len(far) > 1)
-    return (
-        f"{next(iter(far.values()))}, in a model {model.stat.extent:.2g} m across{alike}: are "
-        "these pixels or mm? Give [actions], the sensor or both a gain (docs/tuning-file.md)"
-    )
+            says = (
+                f"{_says(name, commanded, read)}, in a model {model.stat.extent:.2g} m across: are "
+                "these pixels or mm? Give [actions], the sensor or both a gain, see "
+                "docs/tuning-file.md"
+            )
+            found.append(Doubt(says, "length", name))
+    return grouped(found)
 
 
 def _says(name: str, commanded: Mapping[str, float], read: Mapping[str, float]) -> str:
@@ -55,10 +53,9 @@ def _says(name: str, commanded: Mapping[str, float], read: Mapping[str, float]) 
 
 def _read(sensors: Sequence[JointSensor], values: np.ndarray) -> dict[str, float]:
     """{joint: how far its (E, T + 1, D) readings are apart}, of positions."""
-    names = [(joint, s.is_velocity) for s in sensors for joint in s.joints]
     found = {}
-    for (name, is_velocity), its in zip(names, np.moveaxis(values, -1, 0), strict=True):
+    for (sensor, column), its in zip(columns_of(sensors), np.moveaxis(values, -1, 0), strict=True):
         known = its[np.isfinite(its)]
-        if not is_velocity and len(known):
-            found[name] = float(np.ptp(np.quantile(known, _USUAL)))
+        if not sensor.is_velocity and len(known):
+            found[sensor.joints[column]] = float(np.ptp(np.quantile(known, _USUAL)))
     return found

@@ -10,9 +10,8 @@ from simtune.checking.servos.fit import ServoResponse, fit_servo, predict
 from simtune.checking.servos.following import Watched, follows
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.play import find_play
+from simtune.fit import FEWEST_STEPS
 from simtune.run.files import plain
-
-FEWEST_STEPS = 8  # of an episode that tells how a joint follows
 
 
 class SeenJoint(NamedTuple):

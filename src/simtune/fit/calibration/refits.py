@@ -36,9 +36,8 @@ class Refits:
 
     errors: np.ndarray  # (K, N) divided by the standard deviations that each fit claims
     is_moving: np.ndarray  # (N,) bool; the others are appearance, which is easier to find
-    misfits: list[Misfit] = field(default_factory=list)
-    # (N,) standard deviations that fits like these usually claim; None: use those asked about
-    usual_std: np.ndarray | None = None
+    misfits: list[Misfit]
+    usual_std: np.ndarray  # (N,) standard deviations that fits like these usually claim
     # (K,) indices of parameters that are known or held: their errors say nothing of these fits
     unfitted: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
@@ -51,24 +50,23 @@ class Refits:
 
     def to_json(self) -> dict[str, Any]:
         """As a checkpoint holds it."""
-        usual = None if self.usual_std is None else self.usual_std.tolist()
         return {
             "errors": self.errors.tolist(),
             "is_moving": self.is_moving.tolist(),
             "misfits": [[misfit.motion, misfit.picture] for misfit in self.misfits],
-            "usual_std": usual,
+            "usual_std": self.usual_std.tolist(),
             "unfitted": self.unfitted.tolist(),
         }
 
     @classmethod
     def from_json(cls, saved: Mapping[str, Any]) -> "Refits":
         """The inverse of `to_json`."""
-        is_moving, usual = np.array(saved["is_moving"], bool), saved["usual_std"]
+        is_moving = np.array(saved["is_moving"], bool)
         return cls(
             errors=np.array(saved["errors"], float).reshape(-1, len(is_moving)),
             is_moving=is_moving,
             misfits=[Misfit(tuple(motion), tuple(picture)) for motion, picture in saved["misfits"]],
-            usual_std=None if usual is None else np.array(usual),
+            usual_std=np.array(saved["usual_std"]),
             unfitted=np.array(saved["unfitted"], int),
         )
 
@@ -81,8 +79,7 @@ class Refits:
         these usually claim counts. Of a larger one, the geometric mean of the two counts; without
         refits, all of it.
         """
-        usual = self.usual_std
-        return std if usual is None else believed_std(std, usual, len(self.errors))
+        return believed_std(std, self.usual_std, len(self.errors))
 
     def bias(self) -> np.ndarray:
         """(N,) bias of fits like these, in units of the standard deviations they claim.

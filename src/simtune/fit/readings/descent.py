@@ -44,10 +44,13 @@ class Descent:
         return float(np.average(np.log(self.noise), weights=known))
 
 
-def stepped(start: Descent, damping: float) -> tuple[Descent, float, bool]:
-    """One Gauss-Newton step; the next damping, and whether the gain is too small to go on."""
-    objective, slopes, noise = start.objective, start.slopes, start.noise
-    assert slopes is not None
+def stepped(start: Descent, slopes: StretchSlopes, damping: float) -> tuple[Descent, float, bool]:
+    """One Gauss-Newton step with derivatives at the start.
+
+    Also the next damping, and whether the gain is too small to go on.
+    """
+    start = replace(start, slopes=slopes)
+    objective, noise = start.objective, start.noise
     equations = objective.equations(start.point, slopes, noise)
     shared = objective.with_prior(equations, start.point)
     before = objective.cost(start.point, objective.residuals(start.point, slopes.predicted), noise)

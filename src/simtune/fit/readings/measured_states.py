@@ -1,8 +1,7 @@
 """What joint readings say of a simulator's states."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
-import mujoco
 import numpy as np
 
 from simtune.fit.physics import Physics
@@ -13,10 +12,10 @@ from simtune.fit.readings.stretches import (
     moving_from_the_start,
     velocities,
 )
+from simtune.fit.readings.unmeasured import what_goes_on
 from simtune.observation import JointSensor, measured_places
 from simtune.parameters.backlash import play_of
 from simtune.simulation.loose_objects import gliding_joints, loose_joints, passive_joints
-from simtune.simulation.ties import dofs_of_ties
 
 _VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
 
@@ -24,7 +23,10 @@ _VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
 class MeasuredStates:
     """States as joint sensors read them: which parts, how well, and how they change."""
 
-    def __init__(self, physics: Physics, sensors: Sequence[JointSensor]):
+    def __init__(
+        self, physics: Physics, sensors: Sequence[JointSensor], untouched: Collection[int] = ()
+    ):
+        """`untouched`: joints of objects that nothing can touch."""
         self.physics, self.sensors = physics, tuple(sensors)
         ends = np.cumsum([0, *(sensor.size for sensor in sensors)]).tolist()
         self.num_readings = ends[-1]  # D
@@ -40,8 +42,7 @@ class MeasuredStates:
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.start_tangents = tangents
-        # (nq + nv,) bool: what no sensor measures, not even through a tie
-        self.goes_on = _goes_on(model, set(self._dofs.tolist()))
+        self.goes_on = what_goes_on(model, sensors, untouched)  # (nq + nv,) bool
         self.consistent = ConsistentStates(physics.simulator, self._places, self._dofs)
         # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
         self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
@@ -143,15 +144,3 @@ class MeasuredStates:
         """(J,) indices, in a state, of the velocities of the positions that a sensor reads."""
         dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
         return self.physics.space.nq + dofs
-
-
-def _goes_on(model: mujoco.MjModel, told: set[int]) -> np.ndarray:
-    """(nq + nv,) bool: positions and velocities of joints that nothing ties to the velocities told.
-
-    What robots push goes on as it was pushed, while readings begin anew what they tell.
-    """
-    ties = list(dofs_of_ties(model).values())
-    for _ in ties:  # a chain may be written in any order
-        told = told.union(*(tie for tie in ties if tie & told))
-    joints = np.repeat(np.arange(model.njnt), np.diff([*model.jnt_qposadr, model.nq]))
-    return ~np.isin([*joints, *model.dof_jntid], model.dof_jntid[list(told)])

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from simtune.fit.lateness import Lateness
-from simtune.fit.physics import Physics
+from simtune.fit.physics import Physics, is_lost
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.parts import parts_to_play
 from simtune.fit.readings.read_states import ReadStates
@@ -26,7 +26,7 @@ from simtune.observation import (
     measured_places,
 )
 from simtune.simulation import AnySimulator, Simulator
-from simtune.simulation.loose_objects import gliding_joints, loose_places
+from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
 _FAR_AWAY = 1e3  # in units of the model's extent
 _FEW = 3  # episodes
@@ -38,11 +38,11 @@ class OpenLoopReplay:
 
     measured: MeasuredStates
     fitted: np.ndarray  # (P,) indices of the parameters to differentiate by
-    unseen: tuple[str, ...] = ()  # joints that begin anywhere and that no sensor measures
     # Of the readings; with it, one more coordinate follows the parameters
     lateness: Lateness | None = None
     is_simulated: bool = False  # whether what was read moved with the model's own timestep
-    # (nq + nv,) where another episode begins, NaN but for the unseen joints' positions
+    # (nq + nv,) where another episode begins, NaN but for the unseen joints' positions; None: these
+    # do not matter
     elsewhere: np.ndarray | None = None
 
     @property
@@ -52,6 +52,17 @@ class OpenLoopReplay:
     @property
     def sensors(self) -> tuple[JointSensor, ...]:
         return self.measured.sensors
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Joints that begin anywhere and that no sensor measures, without loose objects'."""
+        if self.elsewhere is None:
+            return ()
+        model = self.physics.simulator.model
+        begins, ends = model.jnt_qposadr, [*model.jnt_qposadr[1:], model.nq]
+        each = enumerate(zip(begins, ends, strict=True))
+        is_unseen = np.isfinite(self.elsewhere)
+        return tuple(model.joint(j).name for j, part in each if is_unseen[slice(*part)].any())
 
     @property
     def may_touch(self) -> bool:
@@ -74,41 +85,44 @@ class OpenLoopReplay:
         begun = simulator.roll_out(np.repeat(start[None], 2, 0), still, rng, keep_diverged=True)
         sensors, space = joints_of(observation.sensors), simulator.state_space
         state, another = space.positions_and_velocities(begun.states[:, 0])
-        differs = (state != another)[: simulator.model.nq]
-        for number, place in enumerate(loose_places(simulator.model)):
-            if not np.array_equal(state[place : place + 3], another[place : place + 3]):
-                state[place] += (1 + number) * _FAR_AWAY * simulator.model.stat.extent
+        differs, model, untouched = state != another, simulator.model, list[int]()
+        for number, joint in enumerate(loose_joints(model).tolist()):
+            place = model.jnt_qposadr[joint]
+            if differs[place : place + 3].any():
+                state[place] += (1 + number) * _FAR_AWAY * model.stat.extent
+                untouched.append(joint)
         full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
         places = measured_places(sensors)
-        gliding = gliding_joints(simulator.model, places)
-        glides = simulator.model.jnt_qposadr[gliding]
-        if differs[glides].any():
-            trees = simulator.model.body_treeid[simulator.model.jnt_bodyid[gliding]]
-            simulator = simulator.without_contacts(np.isin(simulator.model.body_treeid, trees))
+        gliding = gliding_joints(model, places)
+        if differs[model.jnt_qposadr[gliding]].any():
+            trees = model.body_treeid[model.jnt_bodyid[gliding]]
+            simulator = simulator.without_contacts(np.isin(model.body_treeid, trees))
+            untouched += gliding.tolist()
         physics = Physics(simulator, observation.observe_beside(), full_state)
-        differs[[*places, *glides]] = False
-        unseen = _unseen(simulator.model, differs)
-        elsewhere = np.where(np.pad(differs, (0, simulator.model.nv)), another, np.nan)
+        measured = MeasuredStates(physics, sensors, untouched)
+        is_known = np.pad(measured.is_loose_position, (0, model.nv), constant_values=True)
+        is_known[places] = True
         fitted = np.flatnonzero(~simulator.space.is_appearance)
-        measured = MeasuredStates(physics, sensors)
-        is_simulated = observation.is_simulated
-        return cls(measured, fitted, unseen, is_simulated=is_simulated, elsewhere=elsewhere)
+        elsewhere = np.where(differs & ~is_known, another, np.nan)
+        return cls(measured, fitted, is_simulated=observation.is_simulated, elsewhere=elsewhere)
 
     def where_starts_show(self, readings: Readings, unit: np.ndarray) -> "OpenLoopReplay":
         """The same, but nothing is unseen if no reading shows where it begins.
 
         Wheels turn alike wherever on a floor their robot begins. Two such starts are played in a
-        world of (N,) `unit` coordinates; what readings show is more than their usual noise.
+        world of (N,) `unit` coordinates; what readings show is more than their usual noise. If one
+        diverges, nobody knows.
         """
-        if not self.unseen or self.elsewhere is None:
+        if self.elsewhere is None or not self.unseen:
             return self
         few = Readings(readings.actions[:_FEW], readings.values[:_FEW])
         stretches = self.cut(few, unit, np.zeros(self.measured.num_readings))
         moved = np.where(np.isnan(self.elsewhere), stretches.states, self.elsewhere)
         both = np.stack([stretches.states, moved])
-        (one, other), _ = self.play(stretches, both, np.repeat(unit[None], 2, 0))
-        shows = not (np.abs(one - other) <= assumed_noise(self.sensors)).all()
-        return self if shows else replace(self, unseen=())
+        predicted, _ = self.play(stretches, both, np.repeat(unit[None], 2, 0))
+        shows = np.abs(predicted[1] - predicted[0]) > assumed_noise(self.sensors)
+        may_show = shows.any() or is_lost(predicted).any()
+        return self if may_show else replace(self, elsewhere=None)
 
     def by_starts_alone(self) -> "OpenLoopReplay":
         """The same with derivatives by initial states only."""
@@ -164,7 +178,7 @@ class OpenLoopReplay:
         """Stretches of these segments; `goes_on`: see `Stretches`."""
         read = self.states_of(readings, unit, offsets)
         if segments.begin.any() and not goes_on:  # else a replay leads to later ones
-            read = self.carried(read, unit)
+            read = self.carried(read, unit, segments.begin.max())
         return read.cut(segments, goes_on)
 
     def states_of(self, readings: Readings, unit: np.ndarray, offsets: np.ndarray) -> ReadStates:
@@ -178,13 +192,13 @@ class OpenLoopReplay:
         left = self.physics.replay_actuators(readings.actions, states, parameters)
         return ReadStates(readings, states, left, drift)
 
-    def carried(self, read: ReadStates, unit: np.ndarray) -> ReadStates:
-        """With what no sensor measures as it was carried along; see `unmeasured`."""
+    def carried(self, read: ReadStates, unit: np.ndarray, last_row: int) -> ReadStates:
+        """With what no sensor measures as it was carried along, to a row; see `unmeasured`."""
         goes_on, parameters = self.measured.goes_on, self._parameters(unit)
         if not goes_on.any():
             return read
         _, states, left, _ = read
-        actions = read.readings.actions
+        actions = read.readings.actions[:, :last_row]
         states = carried(self.physics, states, actions, left, parameters, goes_on)
         return read._replace(states=states)
 
@@ -241,13 +255,3 @@ class OpenLoopReplay:
     def _parameters(self, units: np.ndarray) -> np.ndarray:
         """(..., N) parameters from coordinates that may end with a lateness."""
         return units[..., : len(self.physics.parameters)]
-
-
-def _unseen(model: mujoco.MjModel, differs: np.ndarray) -> tuple[str, ...]:
-    """Joints whose position (nq,) differs between episodes, without those of loose objects."""
-    differs = differs.copy()
-    for place in loose_places(model):
-        differs[place : place + 7] = False
-    ends = [*model.jnt_qposadr[1:], model.nq]
-    joints = enumerate(zip(model.jnt_qposadr, ends, strict=True))
-    return tuple(model.joint(j).name for j, (start, end) in joints if differs[start:end].any())

@@ -17,7 +17,6 @@ measurement, with τ_d its integrated autocorrelation time.
 """
 
 import time
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +42,11 @@ class ReplayStage(NamedTuple):
     steps: int | None = None  # of a stretch; by default the whole episode
     at_most: int | None = None  # limit on the number of stretches
     segments: Segments | None = None  # if given, `steps` and `at_most` are ignored
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether later stretches go on from those before, as `segments` do; see `Stretches`."""
+        return self.segments is not None
 
     def segments_of(self, readings: Readings) -> Segments:
         return self.segments or Segments.evenly(readings, self.steps, self.at_most)
@@ -70,8 +74,7 @@ class OutputErrorMethod:
         """
         loop = self._loop
         segments = stage.segments_of(readings)
-        goes_on = stage.segments is not None
-        stretches = loop.cut_at(readings, begin.unit, begin.offsets, segments, goes_on)
+        stretches = loop.cut_at(readings, begin.unit, begin.offsets, segments, stage.goes_on)
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
         derived_s = self.num_worlds * (time.monotonic() - began_s)
@@ -119,7 +122,7 @@ class OutputErrorMethod:
                 groups = Groups.of(slopes, descent.noise)
             else:
                 slopes = refresh(loop, at, descent.slopes, groups)
-            descent, damping, is_over = stepped(replace(descent, slopes=slopes), damping)
+            descent, damping, is_over = stepped(descent, slopes, damping)
             takes_s = time.monotonic() - began_s
             if is_over:
                 break
@@ -129,13 +132,13 @@ class OutputErrorMethod:
         """Uncertainty from full derivatives; if these lead farther down, descend first."""
         began_s = time.monotonic()
         slopes = self._differentiate(ended)
-        further, _, is_over = stepped(replace(ended, slopes=slopes), FIRST_DAMPING)
+        further, _, is_over = stepped(ended, slopes, FIRST_DAMPING)
         takes_s = time.monotonic() - began_s
         if is_over or takes_s > budget.seconds_left:
-            return judge(ended, slopes)
+            return judge(ended, slopes, budget)
         more = budget.part(budget.seconds_left - takes_s)
         ended = self._iterate(further, _MORE_ITERATIONS, more)
-        return judge(ended, self._differentiate(ended))
+        return judge(ended, self._differentiate(ended), budget)
 
     def _differentiate(self, ended: Descent) -> StretchSlopes:
         """Full derivatives where a descent ended."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.fit.elimination import NormalEquations
 from simtune.fit.lateness import Lateness
 from simtune.fit.readings.descent import Descent
@@ -27,15 +28,19 @@ class OutputErrorFit:
     noise: np.ndarray  # (D,) root mean square of the residuals
     start: np.ndarray | None  # (S,) full state where the first episode begins, if it was replayed
     late_steps: tuple[float, float]  # lateness of readings, and its standard deviation
-    # (N,) in unit coordinates: how the estimate would change if physics had no timestep
+    # (N,) in unit coordinates: how the estimate would change if physics had no timestep; see
+    # `change_by_timestep`
     by_timestep: np.ndarray
     timestep_s: float
     # (P, D) shares of readings in what each parameter changes, at usual noise; rows sum to 1
     shares: np.ndarray
 
 
-def judge(ended: Descent, slopes: StretchSlopes) -> OutputErrorFit:
-    """Estimate with its covariance, each residual counting as 1/τ of a measurement."""
+def judge(ended: Descent, slopes: StretchSlopes, budget: Budget) -> OutputErrorFit:
+    """Estimate with its covariance, each residual counting as 1/τ of a measurement.
+
+    `budget`: for `change_by_timestep`.
+    """
     objective, point, loop = ended.objective, ended.point, ended.objective.loop
     num = len(loop.fitted)
     residuals = objective.residuals(point, slopes.predicted)
@@ -53,7 +58,7 @@ def judge(ended: Descent, slopes: StretchSlopes) -> OutputErrorFit:
     std = np.sqrt(np.diag(covariance))[:num]
     wider = np.maximum(scattered / std, 1.0)
     covariance = covariance[:num, :num] * np.outer(wider, wider)
-    changed = change_by_timestep(ended, slopes)
+    changed = change_by_timestep(ended, slopes, budget)
     own, size = num - (loop.lateness is not None), len(loop.physics.parameters)
     by_timestep = np.zeros(size)
     by_timestep[loop.fitted[:own]] = changed[:own]

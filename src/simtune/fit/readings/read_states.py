@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.readings.segments import Segments
+from simtune.fit.readings.segments import Segments, steps_until_next
 from simtune.fit.readings.stretches import Readings, Stretches
 
 
@@ -24,7 +24,9 @@ class ReadStates(NamedTuple):
         """
         actions, values = self.readings.actions, self.readings.values
         episode, begin, steps = segments
-        longest = max(steps.max(), segments.until_next().max()) if goes_on else steps.max()
+        longest = steps.max()
+        if goes_on:
+            longest = max(longest, steps_until_next(episode, begin).max())
         rows = np.arange(longest + 1)
         frames = np.minimum(begin[:, None] + rows, values.shape[1] - 1)
         acting = np.minimum(frames[:, :-1], actions.shape[1] - 1)

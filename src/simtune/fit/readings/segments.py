@@ -36,10 +36,6 @@ class Segments(NamedTuple):
         both = cls(*(np.concatenate(parts) for parts in zip(*some, strict=True)))
         return both.of(np.lexsort((both.begin, both.episode)))
 
-    def until_next(self) -> np.ndarray:
-        """(W,) steps until the next one of the same episode, in order of time; 0: there is none."""
-        return steps_until_next(self.episode, self.begin)
-
     def are(self, others: "Segments") -> bool:
         """Whether these are the same."""
         return all(map(np.array_equal, self, others))
@@ -50,7 +46,7 @@ class Segments(NamedTuple):
 
 
 def steps_until_next(episode: np.ndarray, begin: np.ndarray) -> np.ndarray:
-    """See `Segments.until_next`."""
+    """(W,) steps to the next of these segments of the same episode, in order of time; 0: none."""
     is_next = np.append(episode[1:] == episode[:-1], False)
     return np.where(is_next, np.roll(begin, -1) - begin, 0)
 

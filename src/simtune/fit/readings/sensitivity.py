@@ -23,7 +23,7 @@ from simtune.observation import (
 )
 from simtune.simulation import Simulator
 
-MOST_EPISODES, _LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
+MOST_EPISODES, LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
 _TOO_FAR = 1e3  # from the start, more than any joint moves: such a world has diverged
 _ASTRAY = (
     "no episode can be replayed from where its readings begin: the model goes astray there. Are "
@@ -80,7 +80,7 @@ class ReplayedReadings:
         episodes, num_steps = actions.shape[:2]
         given = np.ones((episodes, num_steps + 1, 1)) if readings is None else readings.values
         self._num_frames = np.isfinite(given).any(-1).sum()
-        steps, observe = round(_LONGEST_S / simulator.step_s), observation.observe_beside()
+        steps, observe = round(LONGEST_S / simulator.step_s), observation.observe_beside()
         actions = actions[:MOST_EPISODES, :steps].astype(float)
         played = simulator.roll_out(
             np.tile(nominal, (len(actions), 1)), actions, np.random.default_rng((seed, 1)), observe

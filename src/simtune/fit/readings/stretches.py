@@ -42,7 +42,8 @@ class Readings:
         was held, but a motor may have been off.
         """
         values = np.full_like(self.values, np.nan)
-        values[:, : values.shape[1] - steps] = self.values[:, steps:]
+        kept = max(0, values.shape[1] - steps)
+        values[:, :kept] = self.values[:, steps:]
         return Readings(self.actions, values)
 
 

@@ -11,7 +11,9 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.fit.readings.descent import FIRST_DAMPING, Descent, stepped
+from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.slopes import StretchSlopes
 
 # Change without any timestep, relative to that with half of it: errors are in proportion to the
@@ -20,25 +22,39 @@ _WITHOUT, _WITHOUT_RK4 = 2.0, 16 / 15
 _ITERATIONS = 6
 
 
-def change_by_timestep(ended: Descent, slopes: StretchSlopes) -> np.ndarray:
+def change_by_timestep(ended: Descent, slopes: StretchSlopes, budget: Budget) -> np.ndarray:
     """(P,) change of the estimate, in unit coordinates, if physics had no timestep.
 
     A descent that goes on with half the timestep, and with the derivatives `slopes` where it
-    `ended`, changes the estimate by half as much, as errors are in proportion to the timestep. 0
-    where simulated readings have the same timestep, or if actuators remember controls.
+    `ended`, changes the estimate by half as much, as errors are in proportion to the timestep. One
+    that had not ended would go on anyway: so what as many steps with the whole timestep change is
+    subtracted. Without time for more, one step each says most. 0 where simulated readings have the
+    same timestep, or if actuators remember controls.
     """
     loop = ended.objective.loop
     finer = None if loop.is_simulated else loop.finer()
     if finer is None:
         return np.zeros(len(loop.fitted))
-    objective = replace(ended.objective, loop=finer)
-    descent, damping = replace(ended, objective=objective), FIRST_DAMPING
-    for _ in range(_ITERATIONS):
-        predicted, _ = objective.play(descent.point)
-        descent = replace(descent, slopes=slopes._replace(predicted=predicted))
-        descent, damping, is_over = stepped(descent, damping)
-        if is_over:
+    both = [_Further(ended, each) for each in (finer, loop)]
+    for number in range(_ITERATIONS):
+        if number and budget.is_over:
             break
+        for further in both:
+            further.step(slopes)
+    there, here = (further.descent.unit for further in both)
     is_rk4 = loop.physics.simulator.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4.value
-    change = (descent.unit - ended.unit)[loop.fitted]
-    return (_WITHOUT_RK4 if is_rk4 else _WITHOUT) * change
+    return (_WITHOUT_RK4 if is_rk4 else _WITHOUT) * (there - here)[loop.fitted]
+
+
+class _Further:
+    """A descent that goes on in another replay, with the same derivatives."""
+
+    def __init__(self, ended: Descent, loop: OpenLoopReplay):
+        self.descent = replace(ended, objective=replace(ended.objective, loop=loop))
+        self._damping, self._is_over = FIRST_DAMPING, False
+
+    def step(self, slopes: StretchSlopes) -> None:
+        if not self._is_over:
+            predicted, _ = self.descent.objective.play(self.descent.point)
+            here = slopes._replace(predicted=predicted)
+            self.descent, self._damping, self._is_over = stepped(self.descent, here, self._damping)

@@ -7,19 +7,46 @@ pushed goes along whatever the parameters are, but it bounces as coarsely as rea
 and derivatives by these know that a stronger servo pushes farther.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 
+import mujoco
 import numpy as np
 
 from simtune.fit.physics import Physics
 from simtune.fit.readings.segments import steps_until_next
 from simtune.fit.readings.stretches import Stretches
+from simtune.observation import JointSensor
+from simtune.simulation.ties import dofs_of_ties
 
 # (n) stretches, (G, n, nq + nv) initial states, (G, N) units and (n,) steps: predictions, first
 # full states, and (G, n, nq + nv) states after these steps
 PlayApart = Callable[
     [Stretches, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]
 ]
+
+
+def what_goes_on(
+    model: mujoco.MjModel, sensors: Sequence[JointSensor], untouched: Collection[int] = ()
+) -> np.ndarray:
+    """(nq + nv,) bool: what no sensor measures, not even through a tie, and something may touch.
+
+    What robots push goes on as it was pushed, while readings begin anew what they tell: a play that
+    goes on would be added to a reading behind it. `untouched`: joints of objects out of reach.
+    """
+    told, speeds, ties = set[int](), list[int](), list(dofs_of_ties(model).values())
+    for sensor in sensors:
+        read = [*sensor.places.tolist(), *sensor.play_places.tolist()]
+        if sensor.is_velocity:  # perhaps of joints whose positions are not measured
+            speeds += read
+        else:
+            told.update(model.jnt_dofadr[np.searchsorted(model.jnt_qposadr, read)].tolist())
+    for _ in ties:  # a chain may be written in any order
+        told = told.union(*(tie for tie in ties if tie & told))
+    joints = np.repeat(np.arange(model.njnt), np.diff([*model.jnt_qposadr, model.nq]))
+    known = [*model.dof_jntid[list(told)], *untouched]
+    found = ~np.isin([*joints, *model.dof_jntid], known)
+    found[model.nq + np.array(speeds, int)] = False
+    return found
 
 
 def carried(
@@ -32,8 +59,8 @@ def carried(
 ) -> np.ndarray:
     """(E, T + 1, nq + nv) states as read, with what `goes_on`, (nq + nv,) bool, as it was carried.
 
-    In worlds of (N,) parameters in unit coordinates, with (E, T, A) actions and (E, T + 1, S)
-    `actuator_states` of `Physics.replay_actuators`.
+    In worlds of (N,) parameters in unit coordinates, with (E, K, A) actions, the first K ≤ T, and
+    (E, T + 1, S) `actuator_states` of `Physics.replay_actuators`.
     """
     states, units = states.copy(), np.repeat(unit[None], len(states), 0)
     for t in range(actions.shape[1]):

@@ -17,20 +17,36 @@ from simtune.recordings.lerobot.meta import read_meta
 from simtune.recordings.lerobot.parquet import lists, numbers, read_table
 from simtune.recordings.lerobot.unfilmed import NEAR, num_unfilmed, shown_s
 from simtune.recordings.readings import gather
-from simtune.recordings.source import MOST_UNFILMED, Reading, Rows, first_wrong
+from simtune.recordings.source import (
+    MOST_UNFILMED,
+    Reading,
+    Rows,
+    first_wrong,
+    kept_episodes,
+    leave_out_option,
+    left_out,
+)
 from simtune.recordings.still import kind_of
 
 
 class LeRobotSource:
     """A folder in a LeRobotDataset's layout; see `read_meta`. Raises InputError."""
 
-    def __init__(self, folder: Path, camera: str | None = None, *, pictures: bool = True):
+    def __init__(
+        self,
+        folder: Path,
+        camera: str | None = None,
+        *,
+        pictures: bool = True,
+        leave_out: Sequence[str] = (),
+    ):
         meta = read_meta(folder, camera, pictures=pictures)
         self.kind = f"LeRobotDataset {meta.version}"
         self.path, self.fps, self.camera = folder, meta.fps, meta.camera
         self.action_names, self.robot_type = meta.action_names, meta.robot_type
         self.readings: Sequence[Reading] = meta.readings
         self.episodes: Sequence[str] = [f"episode {episode.index}" for episode in meta.episodes]
+        self.kept = kept_episodes(folder, self.episodes, leave_out)
         self._episodes = meta.episodes
         tables = {path for part in ("meta", "data") for path in (folder / part).rglob("*.*")}
         videos = {e.video_file for e in meta.episodes if e.video_file}
@@ -48,10 +64,11 @@ class LeRobotSource:
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         where = self._episodes[episode]
         if where.num_rows < 2:
+            names = [*left_out(self), self.episodes[episode]]
             raise InputError(
                 f"{self.path}: episode {where.index} has {counted(where.num_rows, 'row')}; "
                 "expected at least 2, a frame before and a frame after an action; leave it out "
-                f"(--leave-out {where.index})"
+                f"({leave_out_option(names)})"
             )
         table = self._data(where.data_file, tuple({reading.key: None for reading in readings}))
         rows = table.filter(pc.field("episode_index") == where.index)

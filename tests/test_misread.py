@@ -1,0 +1,139 @@
+"""A rotary pendulum, driven by a motor: mistakes in its recordings that short replays tell."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from simtune.checking.misread import misread
+from simtune.checking.readings import look_at_servos
+from simtune.fit import Readings
+from simtune.real.observed import observed
+from simtune.simulation import Simulator
+from simtune.simulation.servos import motors
+from simtune.tasks import load_task
+from simtune.trajectory import Trajectory
+
+STEP_S, STEPS, COUNT = 0.02, 150, 2 * np.pi / 2048
+SCENE = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body pos="0 0 .2">
+      <joint name="arm" axis="0 0 1" damping="{damping}"/>
+      <geom type="capsule" fromto="0 0 0 0 -.08 0" size=".006" mass=".1"/>
+      <body pos="0 -.08 0">
+        <joint name="pendulum" axis="0 1 0" damping="1e-5"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.13" size=".006" mass="{mass}"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>{actuator}</actuator>
+</mujoco>
+"""
+MOTOR = '<general name="motor" joint="arm" gainprm="{gain}" ctrlrange="-10 10"/>'
+TUNE = """
+model = "scene.xml"
+control_timestep_s = 0.02
+
+[[sensors]]
+name = "encoders"
+joints = ["arm", "pendulum"]
+
+[[parameters]]
+name = "damping"
+kind = "damping"
+objects = "arm"
+"""
+
+
+def seen_in(folder, actuator: str = MOTOR) -> tuple[Simulator, object]:
+    """A simulator whose values are up to twice the truth, or half of it."""
+    scene = SCENE.format(damping=2e-4, mass=0.024, actuator=actuator.format(gain=0.005))
+    (folder / "scene.xml").write_text(scene)
+    (folder / "tune.toml").write_text(TUNE)
+    task = load_task(str(folder / "tune.toml"))
+    return task.simulator(image_size=16), observed(task, None, is_simulated=False)
+
+
+def recorded(episodes: int = 2) -> Readings:
+    """What encoders count of a robot whose arm rubs more, and whose motor is weaker."""
+    scene = SCENE.format(damping=4e-4, mass=0.03, actuator=MOTOR.format(gain=0.003))
+    model = mujoco.MjModel.from_xml_string(scene)
+    actions = np.zeros((episodes, STEPS, 1))
+    values = np.zeros((episodes, STEPS + 1, 2))
+    for episode in range(episodes):
+        rng, data = np.random.default_rng(episode), mujoco.MjData(model)
+        actions[episode, :, 0] = 4 * np.repeat(rng.normal(size=STEPS // 5), 5)
+        for t in range(STEPS):
+            data.ctrl[:] = actions[episode, max(t - 1, 0)]  # a step late
+            mujoco.mj_step(model, data, 10)
+            values[episode, t + 1] = COUNT * np.round(data.qpos / COUNT)
+    return Readings(actions, values)
+
+
+def changed(factor=(1.0, 1.0), shift=(0.0, 0.0), push: float = 1.0) -> Readings:
+    right = recorded()
+    return Readings(push * right.actions, right.values * factor + shift)
+
+
+def test_right_readings_are_not_doubted_whatever_a_models_first_values(tmp_path):
+    assert misread(recorded(), *seen_in(tmp_path)) == []
+
+
+@pytest.mark.parametrize(
+    ("mistake", "expected"),
+    [
+        ({"push": -1.0}, "motor seems to push the other way"),
+        ({"factor": (1, -1)}, "pendulum seems to be read with a reversed sign"),
+        ({"factor": (180 / np.pi,) * 2}, 'sensor encoders seems to say degrees (unit = "deg")'),
+        ({"shift": (0, np.pi)}, "the zero of pendulum seems to be "),
+    ],
+)
+def test_one_mistake_is_told(tmp_path, mistake, expected):
+    (said,) = misread(changed(**mistake), *seen_in(tmp_path))
+    assert said.startswith(expected)
+    assert "replays of 0.25 s would leave" in said
+
+
+def test_exchanged_columns_are_told(tmp_path):
+    right = recorded()
+    (said,) = misread(Readings(right.actions, right.values[..., ::-1]), *seen_in(tmp_path))
+    assert said.startswith("the columns of arm and pendulum seem to be exchanged")
+
+
+def test_a_zero_is_told_as_offset_that_mends_it(tmp_path):
+    """5.1 rad are a turn, less 1.18; of an arm about a vertical axis no zero matters."""
+    (said,) = misread(changed(shift=(3.8, 5.1)), *seen_in(tmp_path))
+    assert said.startswith("the zero of pendulum seems to be -1.")
+    zero = float(said.split("seems to be ")[1].split()[0])
+    assert zero == pytest.approx(5.1 - 2 * np.pi, abs=0.15)
+    assert misread(changed(shift=(0, -zero)), *seen_in(tmp_path)) != []
+    assert misread(changed(shift=(3.8, 5.1 - zero)), *seen_in(tmp_path)) == []
+
+
+def test_two_mistakes_are_told_together(tmp_path):
+    (said,) = misread(changed(push=-1.0, shift=(0, np.pi)), *seen_in(tmp_path))
+    assert said.startswith("the zero of pendulum seems to be ")
+    assert ", and motor seems to push the other way: of how readings deviate" in said
+
+
+def test_joints_that_servos_move_are_left_to_their_commands(tmp_path):
+    servo = '<position name="motor" joint="arm" kp=".05" kv=".005"/>'
+    simulator, seen = seen_in(tmp_path, servo)
+    assert not any("arm" in said for said in misread(changed(push=-1.0), simulator, seen))
+    assert motors(simulator.model).tolist() == [False]
+
+
+def test_check_tells_it(tmp_path):
+    readings, (simulator, seen) = changed(push=-1.0), seen_in(tmp_path)
+    frames = np.zeros((STEPS + 1, 0, 0, 3), np.uint8)
+    episodes = [
+        Trajectory(frames, actions.astype(np.float32), STEP_S, {"encoders": values})
+        for actions, values in zip(readings.actions, readings.values, strict=True)
+    ]
+    (said,) = look_at_servos(episodes, simulator, seen).misread
+    assert said.startswith("motor seems to push the other way")
+    right = [replace(episode, actions=-episode.actions) for episode in episodes]
+    assert look_at_servos(right, simulator, seen).misread == []
