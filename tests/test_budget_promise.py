@@ -16,6 +16,7 @@ from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
 from simtune.fit import FitConfig, ParticleConfig, Refits
 from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.readings_estimate import search_of
 from simtune.tuning.readings_first import ReadingsFirst
 from simtune.tuning_run import tune
 
@@ -155,12 +156,13 @@ def test_readings_that_take_longer_than_their_time_are_left_to_windows(tmp_path:
         experiment = build_experiment(config)
         began_s = machine.now_s
         real, first = experiment.recordings, ReadingsFirst(experiment.context)
-        first._fit(real, Budget(20.0))
+        search = search_of(experiment.context, real)
+        assert search is not None
+        first._fit(search, real, Budget(20.0))
         assert machine.now_s - began_s < 20
         (said,) = first.warnings
         assert " s were left for it" in said
         assert "--observe joints" in said
         assert first._estimate is None
-        first._fit(real, Budget(2000.0))
+        first._fit(search, real, Budget(2000.0))
         assert first._estimate is not None
-        assert first.warnings == []

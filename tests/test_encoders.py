@@ -21,6 +21,7 @@ from simtune.run.folder import RunFolder
 from simtune.run.real_episodes import read_real, write_real
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
+from simtune.tuning import readings_first
 from simtune.tuning.fit_stage import _scaled_as, _with_inflated_noise
 from simtune.tuning.readings_estimate import search_of
 from simtune.tuning.readings_first import ReadingsFirst
@@ -98,7 +99,7 @@ def test_readings_are_those_of_the_first_episodes_after_a_resumption_too(tmp_pat
     """A policy's episodes come later, and first in the list."""
     config = TuneConfig(task="cartpole", out=tmp_path / "run", observe=BOTH, real_episodes=2)
     experiment, read = build_experiment(config), list[list[Trajectory]]()
-    monkeypatch.setattr(ReadingsFirst, "_fit", lambda self, real, budget: read.append(real))
+    monkeypatch.setattr(readings_first, "search_of", lambda context, real: read.append(real))
     real, budget = experiment.recordings, Budget()
     readings, resumed = (ReadingsFirst(experiment.context) for _ in range(2))
     readings.fit(real, 0.0, budget)

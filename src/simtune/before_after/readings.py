@@ -7,10 +7,25 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simtune.fit import Lateness, OpenLoopReplay, Readings, replay_whole
+from simtune.fit.readings.stretches import Stretches
+from simtune.fit.readings.whole_episodes import begin_whole, replay_from
 from simtune.observation import ObservationModel, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory
+
+
+class TunedReplay(NamedTuple):
+    """Whole episodes in a tuned simulator, from where they begin."""
+
+    loop: OpenLoopReplay
+    whole: Stretches
+    states: np.ndarray  # (E, nq + nv) in the beginning
+    unit: np.ndarray  # (N + 1,) parameters and lateness in unit coordinates
+
+    def of(self, chosen: np.ndarray) -> "TunedReplay":
+        """Of the episodes that (E,) bool chooses."""
+        return self._replace(whole=self.whole.of(chosen), states=self.states[chosen])
 
 
 @dataclass(frozen=True)
@@ -27,6 +42,7 @@ class Replayed:
     measured: np.ndarray  # (E, T + 1, D)
     before: np.ndarray
     after: np.ndarray
+    tuned: TunedReplay | None = None  # which gave `after`
 
     def scores(self) -> dict[str, dict[str, Any]]:
         """{reading: unit, offset, and root mean square residuals}; JSON."""
@@ -69,25 +85,16 @@ def replay(
     joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
     readings = Readings.of(trajectories, joints)
     before = replay_whole(loop, readings, space.to_unit(start), np.zeros(len(labels)))
-    late_loop, late, unit, offsets = as_tuned(loop, readings, observation, tuned)
-    replayed = replay_whole(late_loop, late, unit, offsets)
-    after, steps = np.full_like(replayed, np.nan), min(tuned.latency_steps, replayed.shape[1])
-    after[:, steps:] = replayed[:, : replayed.shape[1] - steps]
+    offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])
+    unit = np.append(space.to_unit(tuned.mean), Lateness.unit(tuned.late_s / simulator.step_s))
+    loop, late = loop.with_lateness(), readings.delayed(tuned.latency_steps)
+    begun = TunedReplay(loop, *begin_whole(loop, late, unit, offsets), unit)
+    played = replay_from(loop, begun.whole, begun.states, unit, offsets)
+    after, steps = np.full_like(played, np.nan), min(tuned.latency_steps, played.shape[1])
+    after[:, steps:] = played[:, : played.shape[1] - steps]
     return Replayed(
-        labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after
+        labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after, begun
     )
-
-
-def as_tuned(
-    loop: OpenLoopReplay, readings: Readings, observation: ObservationModel, tuned: Tuned
-) -> tuple[OpenLoopReplay, Readings, np.ndarray, np.ndarray]:
-    """What `replay_whole` replays: a loop with lateness, readings beside actions, unit, offsets."""
-    offsets = [tuned.offsets.get(label, 0.0) for label in observation.reading_labels]
-    physics = loop.physics
-    late = Lateness.unit(tuned.late_s / physics.simulator.step_s)
-    unit = np.append(physics.parameters.to_unit(tuned.mean), late)
-    delayed = readings.delayed(tuned.latency_steps)
-    return loop.with_lateness(), delayed, unit, np.array(offsets)
 
 
 def _rms(residuals: np.ndarray) -> np.ndarray:

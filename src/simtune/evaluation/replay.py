@@ -7,22 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from simtune.before_after.readings import Replayed, Tuned, as_tuned, replay
-from simtune.checking.replayed_contacts import Touching, in_words, touching
+from simtune.before_after.readings import Replayed, Tuned, replay
+from simtune.checking.replayed_contacts import in_words, touching
 from simtune.config import TuneConfig
 from simtune.errors import InputError
-from simtune.fit import OpenLoopReplay, Readings
-from simtune.fit.readings.whole_episodes import begin_whole
-from simtune.observation import ObservationModel, assumed_noise, finds_offset, joints_of
+from simtune.observation import assumed_noise, finds_offset, joints_of
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.report.data import RunData
 from simtune.report.read_run import finished, read_run
-from simtune.simulation import Simulator
 from simtune.tasks import Task, with_model
 from simtune.trajectory import Trajectory
 
 _SMALLEST_PX = 1  # nothing is drawn
+_KEPT = "unit", "rms_before", "rms"  # of what a replay's scores say
 _FAR = 10.0  # times what a run leaves of its own recordings, or the sensor's noise
 
 
@@ -37,8 +35,37 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     Raises InputError for a task without joint readings, or recordings that do not match it.
     """
     run = read_run(run_folder)
+    task = _readable(run, run_folder)
+    real = _open(run, task, recordings)
+    trajectories = real.collect(num_episodes or real.num_episodes)
+    replayed = _replay(run, task, real, trajectories)
+    less_left, scores = better_in(replayed), replayed.scores()
+    sensors = {
+        name: {key: its[key] for key in _KEPT} | {"better_in": less_left[name]}
+        for name, its in scores.items()
+    }
+    for name, facts in run.readings.items():
+        sensors[name]["rms_tuned_to"] = facts["rms"]
+    joints = joints_of(real.observation.sensors)
+    finds = zip(replayed.labels, finds_offset(joints), strict=True)
+    noise = dict(zip(replayed.labels, assumed_noise(joints).tolist(), strict=True))
+    far = far_off(sensors, noise)
+    is_far = far_episodes(replayed, far, sensors, noise)
+    names = [real.facts["names"][episode] for episode in np.flatnonzero(is_far)]
+    return {
+        "sensors": sensors,
+        "episodes": len(trajectories),
+        "far_off": far,
+        "far_episodes": names,
+        "touching": _touching(replayed, is_far, names),
+        "no_offset": [n for n, is_found in finds if is_found and n not in run.readings],
+    }
+
+
+def _readable(run: RunData, folder: Path) -> Task:
+    """The task of a finished run. Raises InputError if nothing is read in it."""
     refused = InputError(
-        f"{run_folder} has no joint readings to replay: --real goes with a finished run of "
+        f"{folder} has no joint readings to replay: --real goes with a finished run of "
         "`simtune tune` on a tuning file with [[sensors]]"
     )
     if "latency_steps" not in run.result and "sensors" not in run.result:
@@ -46,37 +73,19 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     task = with_model(finished(run).load_task())
     if not task.sensors:
         raise refused
-    real = _open(run, task, recordings)
-    trajectories = real.collect(num_episodes or real.num_episodes)
+    return task
+
+
+def _replay(
+    run: RunData, task: Task, real: RecordedReal, trajectories: list[Trajectory]
+) -> Replayed:
+    """Before tuning and after it."""
     parameters, space = run.parameters, task.parameters
     start, mean = (np.array([parameters[n][k] for n in space.names]) for k in ("initial", "mean"))
     offsets = {name: facts["offset"] for name, facts in run.readings.items()}
     simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s, views=())
     tuned = Tuned(mean, offsets, *_late(run, real.step_s))
-    replayed = replay(simulator, real.observation, trajectories, start, tuned)
-    kept, less_left = ("unit", "rms_before", "rms"), better_in(replayed)
-    sensors = {
-        name: {key: facts[key] for key in kept} | {"better_in": less_left[name]}
-        for name, facts in replayed.scores().items()
-    }
-    for name, facts in run.readings.items():
-        sensors[name]["rms_tuned_to"] = facts["rms"]
-    joints, labels = joints_of(real.observation.sensors), replayed.labels
-    finds = zip(labels, finds_offset(joints), strict=True)
-    noise = dict(zip(labels, assumed_noise(joints).tolist(), strict=True))
-    far = far_off(sensors, noise)
-    episodes = far_episodes(replayed, far, sensors, noise)
-    names = [real.facts["names"][episode] for episode in episodes]
-    their = [trajectories[episode] for episode in episodes]
-    found = _touching(simulator, real.observation, their, start, tuned) if their else []
-    return {
-        "sensors": sensors,
-        "episodes": len(trajectories),
-        "far_off": far,
-        "far_episodes": names,
-        "touching": in_words(found, names) if found else "",
-        "no_offset": [name for name, is_found in finds if is_found and name not in offsets],
-    }
+    return replay(simulator, real.observation, trajectories, start, tuned)
 
 
 def far_off(sensors: Mapping[str, Mapping[str, Any]], noise: Mapping[str, float]) -> list[str]:
@@ -96,28 +105,21 @@ def far_episodes(
     far: Sequence[str],
     sensors: Mapping[str, Mapping[str, Any]],
     noise: Mapping[str, float],
-) -> list[int]:
-    """Those in which readings that are `far` off are so."""
+) -> np.ndarray:
+    """(E,) bool: those in which readings that are `far` off are so."""
     columns = [replayed.labels.index(name) for name in far]
     left = (replayed.after - replayed.measured)[..., columns]
     much = [_FAR * max(sensors[name]["rms_tuned_to"], noise[name]) for name in far]
     is_far = np.nansum(np.square(left), 1) >= np.square(much) * np.isfinite(left).sum(1)
-    return np.flatnonzero(is_far.any(-1)).tolist()
+    return is_far.any(-1)
 
 
-def _touching(
-    simulator: Simulator,
-    seen: ObservationModel,
-    trajectories: list[Trajectory],
-    start: np.ndarray,
-    tuned: Tuned,
-) -> list[Touching]:
-    """What touches in replays of these episodes, as tuned; see `before_after.readings.replay`."""
-    loop = OpenLoopReplay.of(simulator, seen, start)
-    readings = Readings.of(trajectories, loop.sensors)
-    loop, readings, unit, offsets = as_tuned(loop, readings, seen, tuned)
-    whole, states = begin_whole(loop, readings, unit, offsets)
-    return touching(loop, whole, states, unit)
+def _touching(replayed: Replayed, chosen: np.ndarray, names: Sequence[str]) -> str:
+    """What touches in replays of the episodes that (E,) bool chooses, and that have these names."""
+    if replayed.tuned is None or not chosen.any():
+        return ""
+    found = touching(*replayed.tuned.of(chosen))
+    return in_words(found, names) if found else ""
 
 
 def better_in(replayed: Replayed) -> dict[str, int]:

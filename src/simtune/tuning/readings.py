@@ -180,6 +180,10 @@ class ReadingsSearch:
         """Whether actions or readings may be."""
         return self.context.observation.unknown_latency_steps(self._simulator) > 0
 
+    def knows_robot(self, real: list[Trajectory]) -> bool:
+        """Whether readings say how all but loose objects move."""
+        return self.look_at(real)[1].measured.knows_robot
+
     def look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
         """Readings of these episodes, and what replays them."""
         seen = self.context.observation

@@ -4,12 +4,14 @@ from typing import Any
 
 from simtune.budget import Budget
 from simtune.trajectory import Trajectory
+from simtune.tuning.readings import ReadingsSearch
 from simtune.tuning.readings_estimate import ReadingsEstimate, search_of
 from simtune.tuning.search import SearchContext
 
 _SHARE = 0.35  # of all time
 # At least, since keypoints of what readings tell are not looked for (`keypoints_of_run`)
 _LEAST_SHARE = 0.15
+_ROBOT_READ = 0.5, 0.35  # both, if videos can tell little of how a robot moves that readings do not
 _NO_TIME = (
     "There was no time to fit the joint readings alone, over whole episodes, before the videos: "
     "that takes {:.0f} s here, {:.0f} s were left for it. Windows of a quarter of a second, which "
@@ -37,24 +39,22 @@ class ReadingsFirst:
         `round_s`: what the smallest sound round needs of the time.
         """
         if self._estimate is None and self._context.can_fit:
-            left = budget.seconds_left
-            spare = max(left - round_s, _LEAST_SHARE * left)
-            seconds = left if budget.is_endless else min(_SHARE * left, spare)
-            part = budget.part(seconds, (0.0, 0.1), "readings: ")
             self._num_episodes = self._num_episodes or len(real)
-            first = real[-self._num_episodes :]
-            self._fit(first, part)
+            first, self.warnings = real[-self._num_episodes :], []
+            if search := search_of(self._context, first):
+                most, least = _ROBOT_READ if search.knows_robot(first) else (_SHARE, _LEAST_SHARE)
+                left = budget.seconds_left
+                spare = max(left - round_s, least * left)
+                seconds = left if budget.is_endless else min(most * left, spare)
+                self._fit(search, first, budget.part(seconds, (0.0, 0.1), "readings: "))
         return self._estimate
 
-    def _fit(self, real: list[Trajectory], budget: Budget) -> None:
-        search, self.warnings = search_of(self._context, real), []
-        if search is None:
-            return
+    def _fit(self, search: ReadingsSearch, real: list[Trajectory], budget: Budget) -> None:
         least_s = 0.0 if budget.is_endless else search.measure_time(real).least_s
         if least_s > (left_s := budget.seconds_left):
             self.warnings = [_NO_TIME.format(least_s, max(left_s, 0.0))]
-            return
-        self._estimate = ReadingsEstimate.fitted(search, real, budget)
+        else:
+            self._estimate = ReadingsEstimate.fitted(search, real, budget)
 
     def state(self) -> dict[str, Any]:
         """JSON."""

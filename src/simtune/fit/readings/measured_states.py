@@ -55,6 +55,11 @@ class MeasuredStates:
 
     @property
     def knows_all_but_objects(self) -> bool:
+        """Whether there are loose objects, and readings determine all else that moves."""
+        return bool(self.is_loose.any()) and self.knows_robot
+
+    @property
+    def knows_robot(self) -> bool:
         """Whether readings, and what is driven, determine all states but loose objects'.
 
         Not those of a door or a lid: whatever touches it moves it, and only pictures show that.
@@ -63,7 +68,7 @@ class MeasuredStates:
         measured = model.dof_jntid[self._dofs].tolist()
         known = [*measured, *(play_of(model, joint) for joint in measured), *self.gliding]
         known += self.consistent.placed_joints
-        return bool(self.is_loose.any() and np.isin(passive_joints(model), known).all())
+        return bool(np.isin(passive_joints(model), known).all())
 
     def as_read(self, values: np.ndarray, offsets: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,).

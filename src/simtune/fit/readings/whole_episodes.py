@@ -22,6 +22,17 @@ def replay_whole(
     measured − simulated.
     """
     whole, states = begin_whole(loop, readings, unit, offsets)
+    return replay_from(loop, whole, states, unit, offsets)
+
+
+def replay_from(
+    loop: OpenLoopReplay,
+    whole: Stretches,
+    states: np.ndarray,
+    unit: np.ndarray,
+    offsets: np.ndarray,
+) -> np.ndarray:
+    """(E, T + 1, D) predictions from (E, nq + nv) initial states; see `replay_whole`."""
     predicted, _ = loop.play(whole, states[None], unit[None])
     return predicted[0] + offsets
 
