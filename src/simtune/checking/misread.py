@@ -31,7 +31,7 @@ _MOST_MISTAKES = 3
 _LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
 _WELL = 0.3  # of the squared deviations left: no mistake is looked for
 _BETTER = 0.9  # of what is left without a change
-_CLEARLY, _AT_MOST = 0.5, 0.7  # ... without all changes; and in all
+_CLEARLY, _AT_MOST = 0.7, 0.7  # ... without all changes; and in all
 _UNITS = {"rad": ("degrees", "deg", 180 / np.pi), "m": ("mm", "mm", 1000.0)}
 
 
