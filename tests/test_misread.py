@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.checking.misread import misread
+from simtune.checking.mistakes.changes import changes
+from simtune.checking.mistakes.misread import misread
 from simtune.checking.readings import look_at_servos
 from simtune.fit import Readings
 from simtune.real.observed import observed
@@ -94,7 +95,7 @@ def test_right_readings_are_not_doubted_whatever_a_models_first_values(tmp_path)
 def test_one_mistake_is_told(tmp_path, mistake, expected):
     (said,) = misread(changed(**mistake), *seen_in(tmp_path))
     assert said.startswith(expected)
-    assert "replays of 0.25 s would leave" in said
+    assert ": then replays of 0.25 s end " in said
 
 
 def test_exchanged_columns_are_told(tmp_path):
@@ -116,7 +117,20 @@ def test_a_zero_is_told_as_offset_that_mends_it(tmp_path):
 def test_two_mistakes_are_told_together(tmp_path):
     (said,) = misread(changed(push=-1.0, shift=(0, np.pi)), *seen_in(tmp_path))
     assert said.startswith("the zero of pendulum seems to be ")
-    assert ", and motor seems to push the other way: of how readings deviate" in said
+    assert ", and motor seems to push the other way: then replays of 0.25 s end" in said
+
+
+def test_actions_and_columns_are_exchanged_by_hand(tmp_path):
+    two = MOTOR + '<motor name="swing" joint="pendulum"/>'
+    simulator, seen = seen_in(tmp_path, two)
+    tried = {change.says.split(" seem")[0]: change for change in changes(simulator, seen)}
+    readings = Readings(np.arange(6.0).reshape(1, 3, 2), np.arange(8.0).reshape(1, 4, 2))
+    acted = tried["actions of motor and swing"].of(readings)
+    np.testing.assert_array_equal(acted.actions[0], [[1, 0], [3, 2], [5, 4]])
+    np.testing.assert_array_equal(acted.values, readings.values)
+    read = tried["the columns of arm and pendulum"].of(readings)
+    np.testing.assert_array_equal(read.values[0, :, 0], readings.values[0, :, 1])
+    np.testing.assert_array_equal(read.actions, readings.actions)
 
 
 def test_joints_that_servos_move_are_left_to_their_commands(tmp_path):

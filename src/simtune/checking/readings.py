@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.checking.misread import misread
+from simtune.checking.mistakes.misread import misread
 from simtune.checking.reading_errors import of_recorded, of_simulated
 from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.fit import ServoResponse

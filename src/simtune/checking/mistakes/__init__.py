@@ -1,0 +1,1 @@
+"""Mistakes in recordings of joints that no servo moves."""

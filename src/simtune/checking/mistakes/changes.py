@@ -1,0 +1,122 @@
+"""What readings and actions may be instead: other signs, columns, units and zeros."""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.checking.servos.commands import servos_of
+from simtune.fit import Readings
+from simtune.observation import JointSensor, ObservationModel, columns_of, joints_of
+from simtune.simulation import Simulator
+from simtune.simulation.servos import motors
+
+_EIGHTH = np.pi / 4  # of a turn, by which zeros are tried
+_FINER = 3  # zeros to both sides of the best one
+_MOST_COLUMNS = 8  # of which any two may be exchanged; of more, neighbours
+_UNITS = {"rad": ("degrees", "deg", 180 / np.pi), "m": ("mm", "mm", 1000.0)}
+
+
+class Change(NamedTuple):
+    """A change of readings (E, T + 1, D), or of actions (E, T, A)."""
+
+    says: str  # {zero}: by how much a zero is elsewhere
+    read: np.ndarray  # (D,) columns to take
+    factor: np.ndarray  # (D,) on them
+    shift: np.ndarray  # (D,) added to them
+    act: np.ndarray  # (A,) actions to take
+    push: np.ndarray  # (A,) factor on them
+
+    @property
+    def zero(self) -> float:
+        """What was measured of a joint that is at 0."""
+        return -float(self.shift.sum())
+
+    def of(self, readings: Readings) -> Readings:
+        values = readings.values[..., self.read] * self.factor + self.shift
+        return Readings(readings.actions[..., self.act] * self.push, values)
+
+    def nearby(self) -> list["Change"]:
+        """With zeros around this one's, if it changes one; itself among them."""
+        if not self.shift.any():
+            return [self]
+        steps = np.arange(-_FINER, _FINER + 1) / (2 * _FINER)
+        return [self._replace(shift=self.shift + s * _EIGHTH * (self.shift != 0)) for s in steps]
+
+
+def changes(simulator: Simulator, observation: ObservationModel) -> list[Change]:
+    """All that are tried. Not of joints whose servos' commands say more."""
+    sensors = joints_of(observation.sensors)
+    columns, num_actions = columns_of(sensors), simulator.num_actions
+    num, names = len(columns), [sensor.joints[column] for sensor, column in columns]
+    each, all_actions = np.arange(num), np.arange(num_actions)
+    same = Change("", each, np.ones(num), np.zeros(num), all_actions, np.ones(num_actions))
+    servos = servos_of(simulator, sensors)
+    free = [
+        column
+        for column, (sensor, _) in enumerate(columns)
+        if servos[column] is None and not sensor.is_velocity
+    ]
+    found = [*_of_motors(same, simulator)]
+    for column in free:
+        is_its = np.array([name == names[column] for name in names])  # its velocity's, too
+        says = f"{names[column]} seems to be read with a reversed sign"
+        found.append(same._replace(says=says, factor=np.where(is_its, -1.0, 1.0)))
+    for one, other in _pairs(free):
+        says = f"the columns of {names[one]} and {names[other]} seem to be exchanged"
+        found.append(same._replace(says=says, read=_exchanged(same.read, one, other)))
+    for sensor in {columns[column][0].name: columns[column][0] for column in free}.values():
+        found += _other_units(same, sensor, np.array([its is sensor for its, _ in columns]))
+    for column in free:
+        if columns[column][0].unit == "rad":
+            found += _other_zeros(same, column, names[column], columns[column][0].name)
+    return found
+
+
+def _of_motors(same: Change, simulator: Simulator) -> Iterator[Change]:
+    """Of actions of motors that push both ways."""
+    model, mapping = simulator.model, simulator.action_mapping
+    pushes = {model.actuator(i).name or f"actuator {i}" for i in np.flatnonzero(motors(model))}
+    of_motors = [i for i, name in enumerate(mapping.names) if name in pushes]
+    for action in of_motors:
+        low, high = mapping.range[action]
+        if low < 0 < high:
+            says = f"{mapping.names[action]} seems to push the other way"
+            yield same._replace(says=says, push=np.where(same.act == action, -1.0, 1.0))
+    for one, other in _pairs(of_motors):
+        says = f"actions of {mapping.names[one]} and {mapping.names[other]} seem to be exchanged"
+        yield same._replace(says=says, act=_exchanged(same.act, one, other))
+
+
+def _pairs(some: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """That may be exchanged."""
+    for one, other in combinations(some, 2):
+        if len(some) <= _MOST_COLUMNS or some.index(other) == some.index(one) + 1:
+            yield one, other
+
+
+def _exchanged(taken: np.ndarray, one: int, other: int) -> np.ndarray:
+    exchanged = taken.copy()
+    exchanged[[one, other]] = taken[[other, one]]
+    return exchanged
+
+
+def _other_units(same: Change, sensor: JointSensor, its: np.ndarray) -> Iterator[Change]:
+    """Of a sensor's columns, (D,) bool: degrees or mm, or not these."""
+    other, key, factor = _UNITS[sensor.unit]
+    if (sensor.factor == 1).all():
+        says = f'sensor {sensor.name} seems to say {other} (unit = "{key}")'
+        yield same._replace(says=says, factor=np.where(its, 1 / factor, 1.0))
+    elif np.allclose(sensor.factor, factor):
+        says = f"sensor {sensor.name} seems to say {sensor.unit}, not {other}"
+        yield same._replace(says=says, factor=np.where(its, factor, 1.0))
+
+
+def _other_zeros(same: Change, column: int, joint: str, sensor: str) -> Iterator[Change]:
+    says = (
+        f"the zero of {joint} seems to be {{zero:.2f}} rad from the model's (offset of sensor "
+        f"{sensor}, measured − true)"
+    )
+    for number in (1, -1, 2, -2, 3, -3, 4):
+        yield same._replace(says=says, shift=number * _EIGHTH * (same.read == column))

@@ -1,0 +1,99 @@
+"""Readings of joints that no servo moves: signs, columns, units and zeros that are not the model's.
+
+A servo's command says where its joint should be (`servos`). A motor's says only what pushes it, and
+a pendulum has none. So pieces of a quarter of a second are replayed from where readings say that
+they begin: as they are, and as if a sign were reversed, two columns exchanged, a unit or a zero
+another. A piece that is replayed right ends where it was read; what the model's unknown parameters
+leave is less than what such a mistake does.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.checking.mistakes.changes import Change, changes
+from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit.readings.segments import Segments
+from simtune.fit.readings.sensitivity import LONGEST_S, MOST_EPISODES
+from simtune.fit.readings.stretches import filled, velocities
+from simtune.fit.sensitivity import where_analyzed
+from simtune.observation import ObservationModel
+from simtune.simulation import Simulator
+
+_PIECE_S, _FEWEST_STEPS, _PIECES = 0.25, 4, 40
+_LATE_S = (0.0, 0.03, 0.08)  # by which actions may be late
+_MOST_MISTAKES = 3
+_LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
+# Squared deviations, in those of uniform motion: a reading counts as this many at most, and with so
+# few left no mistake is looked for
+_MOST, _WELL = 10.0, 0.3
+_BETTER, _CLEARLY = 0.9, 0.7  # of what is left without one change, and without all
+_AS_WELL = 1.05  # times what the best change leaves: another one may be meant
+
+
+def misread(readings: Readings, simulator: Simulator, observation: ObservationModel) -> list[str]:
+    """A sentence on changes after which short replays leave clearly less, the largest first.
+
+    One is made after the other, as long as any helps. None where all joints follow servos, or where
+    a robot begins anywhere and no sensor says so.
+    """
+    nominal, steps = where_analyzed(simulator.space), round(LONGEST_S / simulator.step_s)
+    few = slice(MOST_EPISODES)
+    readings = Readings(readings.actions[few, :steps], readings.values[few, : steps + 1])
+    tried, found = changes(simulator, observation), dict[str, float]()
+    loop = OpenLoopReplay.of(simulator, observation, nominal)
+    unit = simulator.space.to_unit(nominal)
+    if not tried or loop.where_starts_show(readings, unit).unseen:
+        return []
+    replays = _Replays(loop, unit)
+    first = left = replays.left(readings)
+    while len(found) < _MOST_MISTAKES and left > _WELL:
+        less, best, says = replays.best(readings, tried)
+        if less > _BETTER * left:
+            break
+        less, best, _ = replays.best(readings, best.nearby())
+        found[says] = found.get(says, 0.0) + best.zero
+        readings, left = best.of(readings), less
+    if not found or left > _CLEARLY * first:
+        return []
+    said = ", and ".join(says.format(zero=zero) for says, zero in found.items())
+    nearer = f"{math.sqrt(first / left):.2g} times as near to what was read"
+    return [f"{said}: then replays of {_PIECE_S:g} s end {nearer}"]
+
+
+class _Replays(NamedTuple):
+    loop: OpenLoopReplay
+    unit: np.ndarray  # (N,)
+
+    def best(self, readings: Readings, tried: Sequence[Change]) -> tuple[float, Change, str]:
+        """The change that leaves least, how much, and what it says, with another one's as good."""
+        each = [(self.left(change.of(readings)), change) for change in tried]
+        least, best = min(each, key=lambda one: one[0])
+        as_good = [its.says for left, its in each if left < _AS_WELL * least and not its.zero]
+        return least, best, ", or ".join([*dict.fromkeys([best.says, *as_good])][:2])
+
+    def left(self, readings: Readings) -> float:
+        """Squared deviations of short replays, in those of uniform motion; at the best of a few
+        delays. The mean over readings, none of which counts more than `_MOST`.
+        """
+        step_s = self.loop.physics.simulator.step_s
+        delays = sorted({round(late_s / step_s) for late_s in _LATE_S})
+        return min(self._left(readings.delayed(late)) for late in delays)
+
+    def _left(self, readings: Readings) -> float:
+        steps = max(_FEWEST_STEPS, round(_PIECE_S / self.loop.physics.simulator.step_s))
+        none = np.zeros(readings.values.shape[-1])
+        segments = Segments.evenly(readings, steps, _PIECES)
+        pieces = self.loop.states_of(readings, self.unit, none).cut(segments)
+        played = self.loop.play(pieces, pieces.states[None], self.unit[None])[0][0]
+        values, times = pieces.values, np.arange(steps + 1)
+        whole = filled(values)
+        uniform = whole[:, :1] + velocities(whole)[:, :1] * times[:, None]
+        moved, left = (
+            np.nansum(np.square(np.minimum(np.abs(its - values), _LOST)), (0, 1))
+            for its in (uniform, played)
+        )
+        shares = np.minimum(left[moved > 0] / moved[moved > 0], _MOST)
+        return float(shares.mean()) if len(shares) else 0.0
