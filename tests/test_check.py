@@ -412,6 +412,19 @@ def test_warnings():
     assert "up to 40 ms away from their steps of 80 ms" in warned(0.08, (30, 30), 1.0, 40)[0]
 
 
+def test_no_rate_is_advised_against_one_that_was_chosen_or_that_frames_need():
+    facts = {"control_hz": 10.0, "cameras": [{"time_error_ms": {"largest": 40}}]}
+    actions = [np.eye(30, 2)]
+    rate, late = warnings(pendulum(), facts, actions, 1)
+    assert rate == (
+        "recordings are replayed at 10 steps/s, the task has 12.5; the simulator follows them"
+    )
+    assert "take a smaller --control-hz" in late
+    assert warnings(pendulum(), facts | {"fps": 100.0}, actions, 1) == [late]
+    fast = warnings(pendulum(), facts | {"control_hz": 1 / (1 / 49), "fps": 49}, actions, 1)
+    assert fast[0].endswith("--control-hz 12.5 brings them to it")
+
+
 def test_rows_that_a_log_lacks_are_warned_of_in_one_line():
     facts = {"control_hz": 12.5, "cameras": [], "gaps": {"swing1": [[2.9, 6.0]]}}
     (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)

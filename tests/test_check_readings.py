@@ -183,6 +183,19 @@ def test_changes_equal_a_plain_replay(blind):
     assert found.main[:3].tolist() == [1, 1, 0]
 
 
+def test_how_large_actions_are_is_told_where_every_episode_diverges(blind):
+    simulator, seen = blind.simulator(image_size=16), observed(blind, None, is_simulated=True)
+    actions = np.zeros((2, NUM_STEPS, 2))
+    actions[0, 3:, 1], actions[1, 3:, 1] = 1e9, -2e9
+    said = r"every episode diverged\. The largest actions are servo 2e\+09: are they in"
+    with pytest.raises(RuntimeError, match=said):
+        ReplayedReadings(simulator, seen, blind.parameters.nominal, actions)
+    actions[:, 3:, 0] = 1e9
+    clipped = r"servo 2e\+09, push 1e\+09 \(the model's range is -4 to 4\): are they in"
+    with pytest.raises(RuntimeError, match=clipped):
+        ReplayedReadings(simulator, seen, blind.parameters.nominal, actions)
+
+
 def test_twice_the_noise_tells_a_quarter(blind):
     simulator, space = blind.simulator(image_size=16), blind.parameters
     seen = observed(blind, None, is_simulated=True)

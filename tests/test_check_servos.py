@@ -427,6 +427,25 @@ def test_readings_that_are_mostly_missing():
     assert said.startswith("76% of the steps of episode 0, counted from 0, lack wrist: was its l")
     (said,) = missing(["elbow", "wrist"], values, [40, 20], ["swing3", "swing4"])
     assert said.startswith("76% of the steps of swing3 lack wrist: ")
+    values[0, 12:, 0] = np.nan
+    (said,) = missing(["elbow", "wrist"], values, [40, 20], ["swing3", "swing4"])  # in one line
+    assert said.startswith("76% of the steps of swing3 lack wrist: ")
+    assert said.endswith("is it another column? (likewise elbow)")
+
+
+def test_an_encoder_that_is_slower_than_the_log_lacks_nothing():
+    rng, rows = np.random.default_rng(0), np.arange(0, 400, 5)
+    values, slow = np.full((1, 401, 1), np.nan), [400]
+    values[0, rows + rng.integers(2, size=len(rows))] = 0.0  # at 20 Hz in 100 Hz, and jitters
+    values[0, rows[7] : rows[7] + 2] = np.nan  # one is lost
+    assert missing(["yaw"], values, slow) == []
+    cut = values.copy()
+    cut[0, 150:] = np.nan
+    rare, irregular = np.full((2, 1, 401, 1), np.nan)
+    rare[0, ::100] = 0.0
+    irregular[0, rng.random(401) < 0.2] = 0.0
+    for given in (cut, rare, irregular, np.full_like(cut, np.nan)):
+        assert len(missing(["yaw"], given, slow)) == 1
 
 
 def test_missing_readings_are_interpolated_before_actions_displace_them():

@@ -62,6 +62,11 @@ def strange(real: np.ndarray, seed: int, worlds: np.ndarray | None = None) -> St
     return measure_strangeness(worlds, held_out(rng, 1.0), Detected([], films))
 
 
+def test_controllers_other_than_policies_are_named_and_what_to_do_where_one_is_needed():
+    for part in ("a firmware's PD", "a teleoperator who corrects", "[[sensors]]"):
+        assert part in STRANGE
+
+
 def test_a_robot_that_falls_as_worlds_do_is_not_strange():
     told = [strange(falling(5, np.random.default_rng(seed)), seed) for seed in range(10)]
     assert sum(found.clearly for found in told) == 0

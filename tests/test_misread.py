@@ -19,7 +19,7 @@ from simtune.trajectory import Trajectory
 STEP_S, STEPS, COUNT = 0.02, 150, 2 * np.pi / 2048
 SCENE = """
 <mujoco>
-  <option timestep="0.002"/>
+  <option timestep="0.002"><flag contact="disable"/></option>
   <worldbody>
     <body pos="0 0 .2">
       <joint name="arm" axis="0 0 1" damping="{damping}"/>

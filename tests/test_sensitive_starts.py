@@ -106,3 +106,13 @@ def test_few_of_many_episodes_are_named():
     assert warning.startswith("in 1 of 4 episodes replayed (b) an error of a first reading grows ")
     assert "up to 151 times" in warning
     assert sensitive_starts.warnings(np.array([9.0, np.nan]), ["a", "b"]) == []
+
+
+def test_what_is_unstable_open_loop_is_told_and_no_contact_where_nothing_touches():
+    growth, names = np.array([17.0]), ["a"]
+    (unknown,) = sensitive_starts.warnings(growth, names)
+    assert "(a contact, a fall, or what only a controller holds up" in unknown
+    (nothing,) = sensitive_starts.warnings(growth, names, [])
+    assert "contact" not in nothing
+    assert "it is unstable open loop" in nothing
+    assert "touch" not in nothing

@@ -18,7 +18,7 @@ from simtune.budget import Budget
 from simtune.config import EvaluateConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
-from simtune.evaluation.replay import _late, better_in, far_episodes, far_off
+from simtune.evaluation.replay import _late, astray, better_in, far_episodes, far_off
 from simtune.evaluation.table import table
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import (
@@ -374,6 +374,8 @@ def test_a_replay_that_tuning_made_worse_is_said_to_be():
     said = table({"sensors": {"hip": better, "knee": worse}, "episodes": 2})
     assert said[2].split() == ["hip", "0.2", "rad", "0.1", "rad", "-50", "%", "2", "of", "2"]
     assert said[-1].startswith("warning: after tuning, knee is further off than before")
+    both = table({"sensors": {"toe": worse, "knee": worse}, "episodes": 2})
+    assert both[-1].startswith("warning: after tuning, toe, knee are further off than before")
     alone = table({"sensors": {"hip": better}, "episodes": 2})
     assert not any("warning" in line for line in alone)
 
@@ -388,6 +390,19 @@ def test_far_more_left_than_of_what_was_tuned_to_is_said():
     said = table({"sensors": sensors, "episodes": 6, "far_off": ["x"], "no_offset": []})
     assert said[-1].startswith("warning: far more is left than of the recordings")
     assert "(x: 0.138 m instead of 0.0003)" in said[-1]
+
+
+def test_replays_that_are_off_by_more_than_readings_travel_are_noted():
+    measured = np.zeros((2, 3, 3))
+    measured[0, 1] = 0.1, 0.1, 0.0  # the last one is held still
+    measured[1, 1:] = np.nan
+    after = measured + np.array([1.0, 0.05, 0.05])
+    names = "pitch", "wheel", "still"
+    left = Replayed(names, ("rad",) * 3, np.zeros(3), 0.1, measured, after, after)
+    assert astray(left, dict.fromkeys(names, 1e-3)) == ["pitch"]
+    its = {"unit": "rad", "rms_before": 1.0, "rms": 1.0, "better_in": 0}
+    said = table({"sensors": {"pitch": its}, "episodes": 2, "astray": ["pitch"]})
+    assert said[-1].startswith("note: replays are off by more than the whole travel of pitch: ")
 
 
 def test_episodes_that_are_far_off_are_told_with_what_touches_in_them():
@@ -571,6 +586,7 @@ def fit_of(
     observation: ObservationModel | None = None,
     noise: float = 0.001,
     unseen: tuple[str, ...] = (),
+    carried: tuple[str, ...] = (),
     unit: float = 0.5,
     is_sure: bool = True,
     by_timestep: float = 0.0,
@@ -586,7 +602,7 @@ def fit_of(
         BestDescent, SimpleNamespace(apart=apart, is_sure=is_sure, is_whole=True, num_fits=2)
     )
     first = Distribution.first(experiment.space, experiment.space.nominal)
-    return conclude(judged, found, first, observation, 0, 0.05, unseen)
+    return conclude(judged, found, first, observation, 0, 0.05, unseen, carried)
 
 
 def test_intervals_count_what_the_timestep_changes(tmp_path: Path):
@@ -674,6 +690,20 @@ def test_readings_of_a_robot_that_begins_unseen_identify_nothing(truth: Path, tm
     assert unseen.estimate.verdict == ["weak"] * num
     (warning,) = unseen.estimate.warnings
     assert warning.startswith("Where torso begins no sensor measures")
+
+
+def test_of_a_base_that_is_carried_from_part_to_part_nothing_is_identified(truth, tmp_path):
+    experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
+    known = 1e-4 * np.eye(num), np.zeros(num)
+    alone, carried = (fit_of(experiment, *known, carried=names) for names in ((), ("base_x",)))
+    assert alone.estimate.verdict == ["identified"] * num
+    assert carried.estimate.verdict == ["weak"] * num
+    assert not carried.is_trusted
+    (warning,) = carried.estimate.warnings
+    assert warning.startswith("No sensor measures how base_x moves")
+    unit = experiment.space.to_unit
+    of_both = [unit(f.estimate.high) - unit(f.estimate.low) for f in (alone, carried)]
+    np.testing.assert_allclose(of_both[1] / of_both[0], 2.9, atol=0.2)  # of the fit's own errors
 
 
 def test_where_a_robot_begins_unseen_no_more_minutes_or_bounds_are_advised(

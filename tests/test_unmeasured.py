@@ -9,7 +9,9 @@ import pytest
 
 from simtune.budget import Budget
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit.readings.differences import _unless_exploded
 from simtune.fit.readings.segments import Segments
+from simtune.fit.readings.unmeasured import bases
 from simtune.real.observed import observed
 from simtune.tasks import load_task
 
@@ -184,3 +186,29 @@ def test_stretches_begin_with_what_is_read_behind_a_backlash(pushed, tmp_path, q
         parts = loop.cut_at(readings, unit, np.zeros(1), segments, goes_on)
         predicted, _ = loop.play(parts, parts.states[None], unit[None])
         np.testing.assert_allclose(predicted[0, :, 0], parts.values[:, 0], atol=1e-9)
+
+
+def test_bases_are_what_carries_measured_joints_and_is_not_measured():
+    scene = """<mujoco><worldbody>
+      <body name="trunk"><joint name="x" type="slide"/><joint name="lean" axis="0 1 0"/>
+        <geom size=".1"/>
+        <body pos="0 0 .2"><joint name="wheel" axis="0 1 0"/><geom size=".05"/></body>
+        <body pos="0 0 .3"><joint name="lid" axis="0 1 0"/><geom size=".05"/></body>
+      </body>
+      <body pos="2 0 0"><freejoint name="box"/><geom size=".1"/></body>
+    </worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(scene)
+    goes_on = np.ones(model.nq + model.nv, bool)
+    lean, wheel = (int(model.joint(name).qposadr[0]) for name in ("lean", "wheel"))
+    for measured, expected in (([wheel], ("x", "lean")), ([wheel, lean], ("x",))):
+        goes_on[model.nq + np.array(measured)] = False
+        assert bases(model, measured, goes_on) == expected
+
+
+def test_a_stretch_that_explodes_has_no_derivative():
+    changes = np.zeros((2, 3, 4, 1))
+    changes[0, 1, 2], changes[1, 2, 3], changes[1, 0, 0] = 1e9, np.nan, 3.0
+    kept = _unless_exploded(changes)
+    assert not kept[0].any()
+    assert not kept[1, 2].any()
+    assert kept[1, 0, 0] == 3.0

@@ -199,6 +199,16 @@ def test_what_touches_in_replays_is_named(tmp_path, monkeypatch):
     assert falls.contacts([0, 1]) == []
 
 
+def test_what_a_robot_stands_on_from_the_beginning_is_not_named(tmp_path):
+    stands = replays(tmp_path, FREE, "0 0 .1 1 0 0 0")
+    assert stands.contacts([0, 1]) == []
+    # An arm that is mounted is not carried by what it touches: its model may be wrong
+    mounted = '<joint name="roll" axis="1 0 0"/>'
+    scene = SCENE.replace('pos="0 0 {height}"', 'pos="0 0 .099"')
+    mounts = replays(tmp_path, mounted, "0", scene=scene)
+    assert mounts.contacts([0, 1]) == [Touching(("trunk", "floor"), (0, 1))]
+
+
 def test_of_geoms_that_touch_the_same_all_are_told_together():
     found = [Touching((foot, "floor"), (0, 1)) for foot in ("left", "right")]
     found.append(Touching(("left", "right"), (1,)))

@@ -82,7 +82,7 @@ def _replayed(
     facts["assumed"] = assumed
     if not given.is_far and not (given.read and given.read.misread):
         much = sensitive_starts.sensitive(readings.growth)
-        touching = replays.contacts(much) if replays else []
+        touching = replays.contacts(much) if replays else None
         facts["warnings"] += sensitive_starts.warnings(readings.growth, names, touching)
     return readings
 

@@ -1,5 +1,6 @@
 """Possible problems of recordings, before anything is learnt from them."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -33,14 +34,19 @@ def warnings(
     """
     found = []
     control_hz, task_hz = facts["control_hz"], 1 / task.step_s
-    if abs(control_hz / task_hz - 1) > 0.01:
-        found.append(
-            f"recordings are replayed at {control_hz:.4g} steps/s, the task has {task_hz:.4g}; the "
-            f"simulator follows them, --control-hz {task_hz:.4g} brings them to it"
-        )
     step_ms = 1e3 / control_hz
     largest_ms = max((c["time_error_ms"]["largest"] for c in facts["cameras"]), default=0.0)
-    if largest_ms > _LATE * step_ms:
+    are_late = largest_ms > _LATE * step_ms
+    is_chosen = not math.isclose(control_hz, facts.get("fps", control_hz))  # by --control-hz
+    if abs(control_hz / task_hz - 1) > 0.01 and not is_chosen:
+        found.append(
+            f"recordings are replayed at {control_hz:.4g} steps/s, the task has {task_hz:.4g}; the "
+            "simulator follows them"
+            # More steps would be farther from frames that are late already
+            + f", --control-hz {task_hz:.4g} brings them to it"
+            * (not are_late or task_hz < control_hz)
+        )
+    if are_late:
         found.append(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
             "motion will seem to stand still and jump. If each video lasts as long as its actions, "

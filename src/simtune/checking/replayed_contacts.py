@@ -14,6 +14,8 @@ from simtune.fit.readings.stretches import Stretches
 from simtune.parameters import ModelWriter
 
 _MOST_TOLD, _MOST_NAMED = 3, 4  # groups of geoms; geoms or episodes in each
+_RESTS_S = 0.05  # what touches from so early on has begun there
+_FREE, _SLIDE = mujoco.mjtJoint.mjJNT_FREE.value, mujoco.mjtJoint.mjJNT_SLIDE.value
 
 
 class Touching(NamedTuple):
@@ -28,7 +30,8 @@ def touching(
 ) -> list[Touching]:
     """In replays of whole episodes, or their beginnings, from (E, nq + nv) states.
 
-    At (N,) unit coordinates. What touches first comes first.
+    At (N,) unit coordinates. What touches first comes first. What a robot stands on in all of them
+    from the beginning, such as its feet or wheels on a floor, is left out.
     """
     physics, space = loop.physics, loop.physics.parameters
     units = np.repeat(unit[None, : len(space)], len(states), 0)
@@ -42,6 +45,12 @@ def touching(
         for pair in contacts.geoms[contacts.exclude == 0].tolist():
             found.setdefault(_ordered(model, *pair), {}).setdefault(episode, row)
     in_time = sorted(found.items(), key=lambda item: min(item[1].values()))
+    early = _RESTS_S / physics.simulator.step_s
+    in_time = [
+        (pair, rows)
+        for pair, rows in in_time
+        if not (_stands(model, *pair) and len(rows) == len(states) and max(rows.values()) <= early)
+    ]
     return [
         Touching((geom_name(model, one), geom_name(model, other)), tuple(episodes))
         for (one, other), episodes in in_time
@@ -67,6 +76,17 @@ def _rows(whole: Stretches) -> np.ndarray:
     """(E,) rows until the last reading: shorter episodes are padded."""
     is_read = np.asarray(np.isfinite(whole.values).any(-1))
     return is_read.shape[1] - is_read[:, ::-1].argmax(1)
+
+
+def _stands(model: mujoco.MjModel, one: int, other: int) -> bool:
+    """Whether the first geom is of what nothing but contacts carries, the second of the world."""
+    if min(one, other) < 0 or model.body_weldid[model.geom_bodyid[other]]:
+        return False
+    tree = model.body_treeid[model.geom_bodyid[one]]
+    if tree < 0:
+        return False
+    base = model.jnt_bodyid[model.dof_jntid[model.tree_dofadr[tree]]]
+    return bool(np.isin(model.jnt_type[model.jnt_bodyid == base], (_FREE, _SLIDE)).any())
 
 
 def _ordered(model: mujoco.MjModel, one: int, other: int) -> tuple[int, int]:

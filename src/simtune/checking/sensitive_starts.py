@@ -11,20 +11,24 @@ from simtune.fit.readings.growth import MUCH
 _MOST_NAMED = 5
 
 
-def warnings(growth: np.ndarray, names: Sequence[str], found: Sequence[Touching] = ()) -> list[str]:
+def warnings(
+    growth: np.ndarray, names: Sequence[str], found: Sequence[Touching] | None = None
+) -> list[str]:
     """On episodes with these names; `growth`: (E,) as in `ReadingChanges`, of the first ones.
 
-    `found`: what touches in replays of the sensitive ones.
+    `found`: what touches in replays of the sensitive ones, None if that is not known.
     """
     much = [names[episode] for episode in sensitive(growth)]
     if not much:
         return []
     some = f"{len(much)} of {len(growth)} episodes replayed ({cut(much, _MOST_NAMED)})"
+    contact = "" if found is not None and not found else "a contact, "
     return [
-        f"in {some} an error of a first reading grows up to {np.nanmax(growth):,.0f} times (a "
-        "contact, a fall?): no replay from their beginning ends as they do. A fit to readings "
-        "follows such an episode in parts, each from readings of its own."
-        + (f" In these replays {in_words(found, much)}" if found else "")
+        f"in {some} an error of a first reading grows up to {np.nanmax(growth):,.0f} times "
+        f"({contact}a fall, or what only a controller holds up, such as a robot that balances or "
+        "an arm that torques move: it is unstable open loop): no replay from their beginning ends "
+        "as they do. A fit to readings follows such an episode in parts, each from readings of its "
+        "own." + (f" In these replays {in_words(found, much)}" if found else "")
     ]
 
 

@@ -30,7 +30,8 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     `better_in`: the number of episodes that are replayed better after tuning. Where the run was
     tuned to readings, "rms_tuned_to" is what it leaves of those, and "far_off" names readings of
     which far more is left here; "far_episodes" those where it is, and "touching" says what touches
-    in their replays. "no_offset" names readings whose offset it does not know.
+    in their replays. "astray" names readings of which more is left than they travel. "no_offset"
+    names readings whose offset it does not know.
 
     Raises InputError for a task without joint readings, or recordings that do not match it.
     """
@@ -57,6 +58,7 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
         "episodes": len(trajectories),
         "far_off": far,
         "far_episodes": names,
+        "astray": astray(replayed, noise),
         "touching": _touching(replayed, is_far, names),
         "no_offset": [n for n, is_found in finds if is_found and n not in run.readings],
     }
@@ -120,6 +122,19 @@ def _touching(replayed: Replayed, chosen: np.ndarray, names: Sequence[str]) -> s
         return ""
     found = touching(*replayed.tuned.of(chosen))
     return in_words(found, names) if found else ""
+
+
+def astray(replayed: Replayed, noise: Mapping[str, float]) -> list[str]:
+    """Readings that move, and of which more is left than they travel in any episode."""
+    measured = replayed.measured
+    low, high = (np.where(np.isfinite(measured), measured, end) for end in (np.inf, -np.inf))
+    travels = (high.max(1) - low.min(1)).max(0).tolist()
+    left = replayed.scores()
+    return [
+        name
+        for name, its in zip(replayed.labels, travels, strict=True)
+        if (left[name]["rms"] or 0.0) > its > _FAR * noise[name]
+    ]
 
 
 def better_in(replayed: Replayed) -> dict[str, int]:

@@ -33,9 +33,15 @@ def table(result: dict[str, Any]) -> list[str]:
             f"{asks} these of the same robot, with the same columns, in the same order and units?"
         )
     if worse := [name for name, its in sensors.items() if its["rms"] > its["rms_before"]]:
+        verb = "is" if len(worse) == 1 else "are"
         lines.append(
-            f"warning: after tuning, {', '.join(worse)} is further off than before on these "
+            f"warning: after tuning, {', '.join(worse)} {verb} further off than before on these "
             "recordings: what was found does not hold here; the run's own warnings may say why"
+        )
+    if astray := result.get("astray"):
+        lines.append(
+            f"note: replays are off by more than the whole travel of {short(astray)}: if the robot "
+            "is unstable open loop, such as one that balances, these numbers say little"
         )
     return lines
 

@@ -1,6 +1,6 @@
 """Whether the robot is where simulated worlds are that replay the same actions.
 
-A policy that watches a robot keeps it on its legs; worlds that replay its actions fall. What was
+A feedback controller keeps a robot on its legs; worlds that replay its actions fall. What was
 learnt from them, and known worlds, then are about other poses than the videos show.
 
 How far an episode x is from the worlds at a step, in pixels, and how strange it is:
@@ -32,10 +32,13 @@ _WORSE = 1.3  # times as far off as the worst known world
 
 STRANGE = (
     "The robot is often where no simulated world gets by the same actions. That happens where a "
-    "policy that watches the robot chose the actions: replayed, they keep no simulated robot on "
-    "its legs. Networks and known worlds then know other poses than the videos show, so no number "
-    "is called identified. Record with actions that do not depend on what the robot does (random "
-    "ones, a script). If they did not, episodes begin elsewhere than the simulator's (see "
+    "feedback controller chose the actions (a policy that watches the robot, a firmware's PD, a "
+    "teleoperator who corrects): replayed, they keep no simulated robot on its legs, and no arm "
+    "up. Networks and known worlds then know other poses than the videos show, so no number is "
+    "called identified. Record with actions that do not depend on what the robot does (random "
+    "ones, a script), or targets instead of a PD's torques; where the loop has to be closed, also "
+    "record joint readings ([[sensors]]). If nothing corrected the actions, episodes begin "
+    "elsewhere than the simulator's (see "
     "initial_state in docs/tuning-file.md), or something else in it is wrong."
 )
 

@@ -140,7 +140,10 @@ class ReadingsSearch:
         budget.report("judging how sure that is", 0.9)
         judged, step_s = method.judge(found.best, budget), self._simulator.step_s
         seen = self.context.observation
-        return conclude(judged, found, self.first, seen, late, step_s, loop.unseen)
+        begin = found.best.objective.stretches.begin
+        in_parts = begin is not None and bool(begin.any())
+        bases = loop.bases if in_parts else ()
+        return conclude(judged, found, self.first, seen, late, step_s, loop.unseen, bases)
 
     def _find(
         self, method: OutputErrorMethod, readings: Readings, budget: Budget

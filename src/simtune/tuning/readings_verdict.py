@@ -26,6 +26,7 @@ from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.readings_agreement import BestDescent, unexplained, untested
 from simtune.tuning.readings_warnings import (
     bounds_warnings,
+    carried_warning,
     end_warnings,
     misfit_warnings,
     unseen_warning,
@@ -39,7 +40,10 @@ _SMALL = 1e-4  # in unit coordinates
 _HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
 _MAINLY = 0.5  # share of what a parameter changes
 _NEARLY_ALL = 0.8  # of the readings
-_UNSURE = 3.0  # factor on errors if no second fit says whether there are several minima
+# Factor on errors if no second fit says whether there are several minima, and if a base's speed is
+# unknown where parts begin: on a robot that balances on wheels, fits crept along a valley and ended
+# 2 to 4 standard deviations from the truth
+_UNSURE = 3.0
 
 
 class ReadingsFit(NamedTuple):
@@ -64,19 +68,21 @@ def conclude(
     late: int,
     step_s: float,
     unseen: Sequence[str] = (),
+    carried: Sequence[str] = (),
 ) -> ReadingsFit:
     """What a fit within the `first` range tells, and how far it can be trusted.
 
     `late`: steps by which actions were found to be late; `unseen`: joints that begin anywhere and
-    that no sensor measures.
+    that no sensor measures; `carried`: those of bases, if episodes are fitted in parts.
     """
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     space = first.space
-    std, correlation = _errors(judged, found, space, observation)
+    unsure = (1.0 if found.is_sure else _UNSURE) * (_UNSURE if carried else 1.0)
+    std, correlation = _errors(judged, found, space, observation, unsure)
     read, seen = _read(judged.unit, std, first)
     is_in_time = not is_too_late(judged.late_steps[0])
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
-    is_sure = found.is_sure and is_in_time and not unseen
+    is_sure = found.is_sure and is_in_time and not unseen and not carried
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
     sensors = joints_of(observation.sensors)
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
@@ -92,6 +98,7 @@ def conclude(
         correlations=correlated_pairs(correlation, space),
         warnings=[
             *([unseen_warning(unseen)] if unseen else []),
+            *([carried_warning(carried)] if carried else []),
             *delay_warnings("readings", late, *late_s, step_s),
             *([] if is_in_time else [too_late_warning("Readings", late_s[0])]),
             *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
@@ -122,13 +129,20 @@ def _read(unit: np.ndarray, std: np.ndarray, first: Distribution) -> tuple[Estim
 
 
 def _errors(
-    judged: OutputErrorFit, found: BestDescent, space: ParameterSpace, observation: ObservationModel
+    judged: OutputErrorFit,
+    found: BestDescent,
+    space: ParameterSpace,
+    observation: ObservationModel,
+    unsure: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) standard deviations in unit coordinates, and the (N, N) correlation of errors."""
+    """(N,) standard deviations in unit coordinates, and the (N, N) correlation of errors.
+
+    `unsure`: factor on the fit's own.
+    """
     is_appearance, fitted = space.is_appearance, np.flatnonzero(~space.is_appearance)
     covariance = _by_data(judged.covariance + np.outer(found.apart, found.apart))
     wider = _along_sums(space, judged.unit, fitted, covariance)
-    wider, by_timestep = wider * (1.0 if found.is_sure else _UNSURE), judged.by_timestep[fitted]
+    wider, by_timestep = wider * unsure, judged.by_timestep[fitted]
     covariance = covariance * np.outer(wider, wider) + np.outer(by_timestep, by_timestep)
     of_fit = np.full(len(is_appearance), _UNKNOWN_STD)
     of_fit[fitted] = np.sqrt(np.diag(covariance))

@@ -41,6 +41,13 @@ _UNSEEN = (
     "or look at a camera as well. If the robot always begins the same, say so by a keyframe "
     "([initial_state]); if it is mounted, by fixed_joints."
 )
+_CARRIED = (
+    "No sensor measures how {} moves, and replays can be followed in parts only, as of a robot "
+    "that a controller balances. A part begins as fast as the one before ended, which fits allow "
+    "for poorly: they may end far from the truth. So intervals are three times as wide, and "
+    "nothing that readings tell is called identified. Measure that speed, tie it to the wheels "
+    "(<equality>), or record the robot on a stand, with fixed_joints."
+)
 _AT_BOUNDS_BUT_OFF = (
     "{} ended at a bound of the range, as happens where replays cannot explain what is read: wider "
     "bounds would not help."
@@ -50,6 +57,11 @@ _AT_BOUNDS_BUT_OFF = (
 def unseen_warning(unseen: Sequence[str]) -> str:
     """On joints that begin anywhere and that no sensor measures."""
     return _UNSEEN.format(", ".join(unseen))
+
+
+def carried_warning(bases: Sequence[str]) -> str:
+    """On joints of bases that no sensor measures, where episodes are fitted in parts."""
+    return _CARRIED.format(cut(list(bases), _MOST_NAMED))
 
 
 def end_warnings(found: BestDescent) -> list[str]:

@@ -15,14 +15,17 @@ import numpy as np
 
 from simtune.checking.mistakes.changes import Change, changes
 from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.sensitivity import LONGEST_S, MOST_EPISODES
-from simtune.fit.readings.stretches import filled, velocities
+from simtune.fit.readings.stretches import Stretches, filled, velocities
 from simtune.fit.sensitivity import where_analyzed
 from simtune.observation import ObservationModel
 from simtune.simulation import Simulator
 
 _PIECE_S, _FEWEST_STEPS, _PIECES = 0.25, 4, 40
+_FEWER = 20  # pieces, where contacts take time
+_BEFORE_S = 0.2  # from which what no sensor measures goes along
 _LATE_S = (0.0, 0.03, 0.08)  # by which actions may be late
 _MOST_MISTAKES = 3
 _LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
@@ -82,11 +85,29 @@ class _Replays(NamedTuple):
         delays = sorted({round(late_s / step_s) for late_s in _LATE_S})
         return min(self._left(readings.delayed(late)) for late in delays)
 
+    def _pieces(self, readings: Readings, segments: Segments) -> Stretches:
+        """With what no sensor measures as it goes along with the joints read before: wheels that
+        roll, under a base at rest, would skid.
+        """
+        read = self.loop.states_of(readings, self.unit, np.zeros(readings.values.shape[-1]))
+        pieces = read.cut(segments)
+        if not self.loop.measured.goes_on.any():
+            return pieces
+        num_rows = round(_BEFORE_S / self.loop.physics.simulator.step_s)
+        rows = np.maximum(segments.begin[:, None] + np.arange(-num_rows, 1), 0)
+        episode = segments.episode[:, None]
+        actions = readings.actions[episode, rows[:, :-1]]
+        before = Readings(actions, readings.values[episode, rows])
+        states, left = read.states[episode, rows], read.actuator_states[episode, rows]
+        led = self.loop.carried(ReadStates(before, states, left, None), self.unit, num_rows)
+        is_later = segments.begin >= num_rows
+        states = np.where(is_later[:, None], led.states[:, -1], pieces.states)
+        return pieces._replace(states=states)
+
     def _left(self, readings: Readings) -> float:
         steps = max(_FEWEST_STEPS, round(_PIECE_S / self.loop.physics.simulator.step_s))
-        none = np.zeros(readings.values.shape[-1])
-        segments = Segments.evenly(readings, steps, _PIECES)
-        pieces = self.loop.states_of(readings, self.unit, none).cut(segments)
+        num = _FEWER if self.loop.may_touch else _PIECES
+        pieces = self._pieces(readings, Segments.evenly(readings, steps, num))
         played = self.loop.play(pieces, pieces.states[None], self.unit[None])[0][0]
         values, times = pieces.values, np.arange(steps + 1)
         whole = filled(values)

@@ -5,10 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simtune.checking.servos.doubt import Doubt, grouped
 from simtune.checking.servos.fit import Episodes
 from simtune.columns import episode_in_words
 
 _MISSING = 1 / 3  # of an episode's readings
+# A sensor that is slower than the log: no gap is longer than so many usual ones
+_REGULAR, _FEWEST = 3.0, 8
 _USUAL = 0.01  # share of readings at each end, at least one, that do not tell a joint's travel
 _NO_FLICKER = 100.0  # times a reading's usual noise
 _FEW = 5  # readings in a row: steps shorter than rows repeat a lost one
@@ -18,16 +21,22 @@ def missing(
     labels: Sequence[str], values: np.ndarray, lengths: Sequence[int], names: Sequence[str] = ()
 ) -> list[str]:
     """On (E, T + 1, D) readings, in episodes of these numbers of steps, and with these names."""
-    shares = [np.isnan(read[: n + 1]).mean(0) for read, n in zip(values, lengths, strict=True)]
+    known = [np.isfinite(read[: n + 1]).T for read, n in zip(values, lengths, strict=True)]
+    shares = np.array([[_missing(is_read) for is_read in its] for its in known])  # (E, D)
     found = []
-    for label, of_episodes in zip(labels, np.transpose(shares), strict=True):
+    for label, of_episodes in zip(labels, shares.T, strict=True):
         if (most := of_episodes.max()) > _MISSING:
             episode = episode_in_words(names, int(of_episodes.argmax()))
-            found.append(
-                f"{most:.0%} of the steps of {episode} lack {label}: was its log cut, or is it "
-                "another column?"
-            )
-    return found
+            says = f"{most:.0%} of the steps of {episode} lack {label}: was its log cut, or is it "
+            found.append((-most, Doubt(says + "another column?", episode, label)))
+    return grouped(doubt for _, doubt in sorted(found, key=lambda one: one[0]))
+
+
+def _missing(is_read: np.ndarray) -> float:
+    """The share of (T + 1,) rows without a reading; 0 if it comes less often, but regularly."""
+    gaps = np.diff(np.flatnonzero(is_read), prepend=-1, append=len(is_read))
+    is_slow = is_read.sum() >= _FEWEST and gaps.max() <= _REGULAR * np.median(gaps)
+    return 0.0 if is_slow else float((~is_read).mean())
 
 
 def without_lost_packets(

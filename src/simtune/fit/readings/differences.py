@@ -9,6 +9,7 @@ from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
 from simtune.fit.readings.stretches import Stretches
 
 _UNIT_DELTA = 5e-3
+_EXPLODED = 100.0  # rad, m, or those per second
 _STATE_DELTA = 0.05  # in units of `start_std`
 
 
@@ -107,4 +108,13 @@ def _changed(
     predicted, _ = loop.play(at.stretches, states, units)
     here, there, beyond = np.split(predicted, [1, 1 + num_groups])
     others = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:twice])
-    return here[0], there - here, others
+    return here[0], _unless_exploded(there - here), _unless_exploded(others)
+
+
+def _unless_exploded(changes: np.ndarray) -> np.ndarray:
+    """(G, W, K + 1, D) changes, 0 in stretches where a small step changes more than any motion.
+
+    As of worlds that explode, which tell nothing, and whose squares outgrow all others.
+    """
+    exploded = ~(np.abs(changes).max((2, 3)) < _EXPLODED)
+    return np.where(exploded[..., None, None], 0.0, changes)

@@ -17,7 +17,7 @@ from simtune.fit.readings.parts import parts_to_play
 from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Readings, Stretches
-from simtune.fit.readings.unmeasured import carried, play_in_turn
+from simtune.fit.readings.unmeasured import bases, carried, play_in_turn
 from simtune.observation import (
     JointSensor,
     ObservationModel,
@@ -44,6 +44,12 @@ class OpenLoopReplay:
     # (nq + nv,) where another episode begins, NaN but for the unseen joints' positions; None: these
     # do not matter
     elsewhere: np.ndarray | None = None
+
+    @property
+    def bases(self) -> tuple[str, ...]:
+        """Joints that no sensor measures and that carry measured ones, such as a free base's."""
+        model, places = self.physics.simulator.model, measured_places(self.sensors)
+        return bases(model, places, self.measured.goes_on)
 
     @property
     def physics(self) -> Physics:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simtune.columns import cut
 from simtune.fit.lateness import Lateness
 from simtune.fit.physics import Physics, is_lost
 from simtune.fit.readings.differences import DifferencePoint, differentiate
@@ -21,8 +22,9 @@ from simtune.observation import (
     joints_of,
     units_of,
 )
-from simtune.simulation import Simulator
+from simtune.simulation import ActionMapping, Simulator
 
+_MOST_NAMED, _LARGE = 3, 0.1  # actions, of the largest one's size
 MOST_EPISODES, LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
 _TOO_FAR = 1e3  # from the start, more than any joint moves: such a world has diverged
 _ASTRAY = (
@@ -86,7 +88,7 @@ class ReplayedReadings:
             np.tile(nominal, (len(actions), 1)), actions, np.random.default_rng((seed, 1)), observe
         )
         if not len(played):
-            raise RuntimeError("every episode diverged; check the timestep and the actions")
+            raise RuntimeError(_diverged(simulator.action_mapping, actions))
         physics = Physics(simulator, observe, played.states[0, 0])
         measured = MeasuredStates(physics, joints_of(observation.sensors))
         self._loop = OpenLoopReplay(measured, np.arange(len(nominal)))
@@ -164,3 +166,19 @@ class ReplayedReadings:
             mixed, others = total[:num, num:], total[num:, num:]
             found.append(total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T)
         return np.stack(found)
+
+
+def _diverged(mapping: ActionMapping, actions: np.ndarray) -> str:
+    """A message on (E, T, A) actions that no world endures: a wrong unit shows in their size."""
+    sizes = np.abs(actions).max((0, 1))
+    largest = [
+        f"{mapping.names[i]} {sizes[i]:.4g}"
+        + " (the model's range is {:g} to {:g})".format(*mapping.range[i])
+        * bool(mapping.is_limited[i])
+        for i in np.argsort(-sizes, kind="stable")
+        if sizes[i] >= _LARGE * sizes.max()
+    ]
+    return (
+        f"every episode diverged. The largest actions are {cut(largest, _MOST_NAMED)}: are they in "
+        "the model's unit? Else the timestep may be too long"
+    )
