@@ -40,9 +40,9 @@ _SMALL = 1e-4  # in unit coordinates
 _HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
 _MAINLY = 0.5  # share of what a parameter changes
 _NEARLY_ALL = 0.8  # of the readings
-# Factor on errors if no second fit says whether there are several minima, and if a base's speed is
-# unknown where parts begin: on a robot that balances on wheels, fits crept along a valley and ended
-# 2 to 4 standard deviations from the truth
+# Factor on errors if no second fit says whether there are several minima, once more if that one
+# does not explain what is read, and if a base's speed is unknown where parts begin: on a robot that
+# balances on wheels, fits crept along a valley and ended 2 to 4 standard deviations from the truth
 _UNSURE = 3.0
 
 
@@ -77,15 +77,16 @@ def conclude(
     """
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     space = first.space
-    unsure = (1.0 if found.is_sure else _UNSURE) * (_UNSURE if carried else 1.0)
+    sensors = joints_of(observation.sensors)
+    off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
+    reasons = (not found.is_sure, not found.is_sure and off.any(), len(carried) > 0)
+    unsure = _UNSURE ** sum(map(bool, reasons))
     std, correlation = _errors(judged, found, space, observation, unsure)
     read, seen = _read(judged.unit, std, first)
     is_in_time = not is_too_late(judged.late_steps[0])
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
     is_sure = found.is_sure and is_in_time and not unseen and not carried
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
-    sensors = joints_of(observation.sensors)
-    off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
     is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
     # What the timestep changes by more than all other errors
     by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
