@@ -156,3 +156,8 @@ def test_servos_of_speeds_in_a_model(tmp_path):
     assert velocity_servos(model).tolist() == [True, False]
     # kv · control, through the gear, is kv · gear² · speed
     assert joint_target(model, 0) == pytest.approx((0.0, 0.5))
+
+
+def test_a_slow_wheel_that_is_counted_seldom_is_not_stuck():
+    command = np.repeat([0.0, 0.5, 4.0, -4.0, 0.3, 0.0, 2.0, -2.0], STEPS // 8)
+    assert said_of((command, angles(command, 1.0, 2 * np.pi / 12))) == []

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simtune.checking.mistakes.changes import changes
-from simtune.checking.mistakes.misread import misread
+from simtune.checking.mistakes.misread import _Found, _in_time, _in_words, misread
 from simtune.checking.readings import look_at_servos
 from simtune.fit import Readings
 from simtune.real.observed import observed
@@ -151,3 +151,30 @@ def test_check_tells_it(tmp_path):
     assert said.startswith("motor seems to push the other way")
     right = [replace(episode, actions=-episode.actions) for episode in episodes]
     assert look_at_servos(right, simulator, seen).misread == []
+
+
+@pytest.mark.parametrize("steps", [1, 3, 8, 12])
+def test_short_episodes_are_replayed_as_far_as_they_go(tmp_path, steps):
+    right = recorded()
+    few = Readings(right.actions[:, :steps], right.values[:, : steps + 1])
+    misread(few, *seen_in(tmp_path))
+
+
+def test_no_more_changes_are_tried_than_there_is_time_for(tmp_path):
+    tried = changes(*seen_in(tmp_path))
+    assert _in_time(tried, 0.01) == tried
+    some = _in_time(tried, 1.5)
+    assert 0 < len(some) < len(tried)
+    assert not any(change.shift.any() for change in some)
+    assert _in_time(tried, 30.0) == []
+
+
+def test_a_zero_after_a_reversed_sign_is_what_was_measured(tmp_path):
+    """It reads −angle + .8, so .8 where the joint is at 0."""
+    said = _in_words({"the zero is {zero:.2f}": _Found(0.8, []), "b": _Found(0.0, ["b", "c"])})
+    assert said == "the zero is 0.80, and b, or c"
+    both = {"b": _Found(0.0, ["b", "c"]), "c": _Found(0.0, ["c", "b"])}
+    assert _in_words(both) == "b, and c"
+    (said,) = misread(changed(factor=(1, -1), shift=(0, 0.8)), *seen_in(tmp_path))
+    zero = float(said.split("zero of pendulum seems to be ")[1].split()[0])
+    assert zero == pytest.approx(0.8, abs=0.2)

@@ -413,6 +413,8 @@ def test_episodes_that_are_far_off_are_told_with_what_touches_in_them():
     sensors, noise = {"x": its, "y": its}, {"x": 0.002, "y": 0.002}
     assert far_episodes(left, ["x"], sensors, noise).tolist() == [False, True]
     assert not far_episodes(left, [], sensors, noise).any()
+    unread = replace(left, after=np.where([[[True]], [[False]]], np.nan, left.after))
+    assert far_episodes(unread, ["x"], sensors, noise).tolist() == [False, True]
     touching = "hand touches table in 1 of 1 episode: is it so on the robot?"
     result = {"sensors": sensors, "episodes": 2, "far_off": ["x"], "far_episodes": ["swing6"]}
     said = table(result | {"touching": touching})[-1]

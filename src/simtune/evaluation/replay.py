@@ -40,6 +40,11 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     real = _open(run, task, recordings)
     trajectories = real.collect(num_episodes or real.num_episodes)
     replayed = _replay(run, task, real, trajectories)
+    if not np.isfinite(replayed.after).any((0, 1)).all():
+        raise InputError(
+            f"{recordings}: every episode is shorter than the delay that the run found; give "
+            "longer ones"
+        )
     less_left, scores = better_in(replayed), replayed.scores()
     sensors = {
         name: {key: its[key] for key in _KEPT} | {"better_in": less_left[name]}
@@ -112,7 +117,8 @@ def far_episodes(
     columns = [replayed.labels.index(name) for name in far]
     left = (replayed.after - replayed.measured)[..., columns]
     much = [_FAR * max(sensors[name]["rms_tuned_to"], noise[name]) for name in far]
-    is_far = np.nansum(np.square(left), 1) >= np.square(much) * np.isfinite(left).sum(1)
+    known = np.isfinite(left).sum(1)
+    is_far = (known > 0) & (np.nansum(np.square(left), 1) >= np.square(much) * known)
     return is_far.any(-1)
 
 

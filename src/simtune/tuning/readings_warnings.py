@@ -44,7 +44,7 @@ _UNSEEN = (
 _CARRIED = (
     "No sensor measures how {} moves, and replays can be followed in parts only, as of a robot "
     "that a controller balances. A part begins as fast as the one before ended, which fits allow "
-    "for poorly: they may end far from the truth. So intervals are three times as wide, and "
+    "for poorly: they may end far from the truth. So intervals are three times wider for that, and "
     "nothing that readings tell is called identified. Measure that speed, tie it to the wheels "
     "(<equality>), or record the robot on a stand, with fixed_joints."
 )

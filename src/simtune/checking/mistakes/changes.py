@@ -28,11 +28,6 @@ class Change(NamedTuple):
     act: np.ndarray  # (A,) actions to take
     push: np.ndarray  # (A,) factor on them
 
-    @property
-    def zero(self) -> float:
-        """What was measured of a joint that is at 0."""
-        return -float(self.shift.sum())
-
     def of(self, readings: Readings) -> Readings:
         values = readings.values[..., self.read] * self.factor + self.shift
         return Readings(readings.actions[..., self.act] * self.push, values)
@@ -115,8 +110,8 @@ def _other_units(same: Change, sensor: JointSensor, its: np.ndarray) -> Iterator
 
 def _other_zeros(same: Change, column: int, joint: str, sensor: str) -> Iterator[Change]:
     says = (
-        f"the zero of {joint} seems to be {{zero:.2f}} rad from the model's (offset of sensor "
-        f"{sensor}, measured − true)"
+        f"the zero of {joint} seems to be {{zero:.2f}} rad from the model's (measured − true; "
+        f"offset of sensor {sensor}, in its own unit)"
     )
     for number in (1, -1, 2, -2, 3, -3, 4):
         yield same._replace(says=says, shift=number * _EIGHTH * (same.read == column))

@@ -8,7 +8,8 @@ leave is less than what such a mistake does.
 """
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ _PIECE_S, _FEWEST_STEPS, _PIECES = 0.25, 4, 40
 _FEWER = 20  # pieces, where contacts take time
 _BEFORE_S = 0.2  # from which what no sensor measures goes along
 _LATE_S = (0.0, 0.03, 0.08)  # by which actions may be late
-_MOST_MISTAKES = 3
+_MOST_MISTAKES, _MOST_S = 3, 20.0  # seconds for each
 _LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
 # Squared deviations, in those of uniform motion: a reading counts as this many at most, and with so
 # few left no mistake is looked for
@@ -45,37 +46,70 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
     nominal, steps = where_analyzed(simulator.space), round(LONGEST_S / simulator.step_s)
     few = slice(MOST_EPISODES)
     readings = Readings(readings.actions[few, :steps], readings.values[few, : steps + 1])
-    tried, found = changes(simulator, observation), dict[str, float]()
+    tried = changes(simulator, observation)
     loop = OpenLoopReplay.of(simulator, observation, nominal)
     unit = simulator.space.to_unit(nominal)
     if not tried or loop.where_starts_show(readings, unit).unseen:
         return []
-    replays = _Replays(loop, unit)
+    replays, began_s = _Replays(loop, unit), time.monotonic()
     first = left = replays.left(readings)
-    while len(found) < _MOST_MISTAKES and left > _WELL:
-        less, best, says = replays.best(readings, tried)
+    tried = _in_time(tried, time.monotonic() - began_s)
+    scale, found = np.ones(readings.values.shape[-1]), dict[str, _Found]()
+    for _ in range(_MOST_MISTAKES):
+        if left <= _WELL or not tried:
+            break
+        less, best, others = replays.best(readings, tried)
         if less > _BETTER * left:
             break
         less, best, _ = replays.best(readings, best.nearby())
-        found[says] = found.get(says, 0.0) + best.zero
-        readings, left = best.of(readings), less
+        before = found.get(best.says, _Found(0.0, []))
+        if before.others and not best.shift.any():  # twice is not at all
+            del found[best.says]
+        else:
+            zero = before.zero - float((best.shift / scale).sum())
+            found[best.says] = _Found(zero, others)
+        readings, scale, left = best.of(readings), scale[best.read] * best.factor, less
     if not found or left > _CLEARLY * first:
         return []
-    said = ", and ".join(says.format(zero=zero) for says, zero in found.items())
     nearer = f"{math.sqrt(first / left):.2g} times as near to what was read"
-    return [f"{said}: then replays of {_PIECE_S:g} s end {nearer}"]
+    return [f"{_in_words(found)}: then replays of {_PIECE_S:g} s end {nearer}"]
+
+
+class _Found(NamedTuple):
+    """Of a change that helps."""
+
+    zero: float  # what was measured of a joint that is at 0, if it changes a zero
+    others: list[str]  # what it says, and what another one does that helps as much
+
+
+def _in_time(tried: list[Change], takes_s: float) -> list[Change]:
+    """Changes that can be tried if each `takes_s`; zeros, which are most, are left out first."""
+    for some in (tried, [change for change in tried if not change.shift.any()]):
+        if takes_s * len(some) <= _MOST_S:
+            return some
+    return []
+
+
+def _in_words(found: Mapping[str, _Found]) -> str:
+    """Each change, and what may be meant instead if nothing else says that."""
+    told = []
+    for says, (zero, others) in found.items():
+        instead = [other for other in others if other not in found]
+        told.append(", or ".join([says, *instead[:1]]).format(zero=zero))
+    return ", and ".join(told)
 
 
 class _Replays(NamedTuple):
     loop: OpenLoopReplay
     unit: np.ndarray  # (N,)
 
-    def best(self, readings: Readings, tried: Sequence[Change]) -> tuple[float, Change, str]:
-        """The change that leaves least, how much, and what it says, with another one's as good."""
+    def best(self, readings: Readings, tried: Sequence[Change]) -> tuple[float, Change, list[str]]:
+        """How much the change leaves that leaves least, itself, and what as good ones say."""
         each = [(self.left(change.of(readings)), change) for change in tried]
         least, best = min(each, key=lambda one: one[0])
-        as_good = [its.says for left, its in each if left < _AS_WELL * least and not its.zero]
-        return least, best, ", or ".join([*dict.fromkeys([best.says, *as_good])][:2])
+        near = _AS_WELL * least
+        as_good = [its.says for left, its in each if left < near and not its.shift.any()]
+        return least, best, [*dict.fromkeys([best.says, *as_good])]
 
     def left(self, readings: Readings) -> float:
         """Squared deviations of short replays, in those of uniform motion; at the best of a few
@@ -109,7 +143,7 @@ class _Replays(NamedTuple):
         num = _FEWER if self.loop.may_touch else _PIECES
         pieces = self._pieces(readings, Segments.evenly(readings, steps, num))
         played = self.loop.play(pieces, pieces.states[None], self.unit[None])[0][0]
-        values, times = pieces.values, np.arange(steps + 1)
+        values, times = pieces.values, np.arange(pieces.values.shape[1])
         whole = filled(values)
         uniform = whole[:, :1] + velocities(whole)[:, :1] * times[:, None]
         moved, left = (

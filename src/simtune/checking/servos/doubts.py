@@ -141,7 +141,12 @@ def _is_in_unit(slope: float, factor: float) -> bool:
 
 
 def _stuck(joint: Watched, servo: ServoResponse) -> list[Doubt]:
-    """The longest time with exactly the same reading, while the command changes."""
+    """The longest time with exactly the same reading, while the command changes.
+
+    Not of speeds that are told by counts: a slow wheel is counted seldom.
+    """
+    if joint.positions:
+        return []
     longest = (0, 0.0, 0)  # steps, the reading, the episode
     for episode, (command, read) in enumerate(zip(joint.commands, joint.measured, strict=True)):
         late = delayed_by(command, servo.lag_steps)

@@ -60,8 +60,13 @@ def refresh(
     by_others = np.where(is_main[:, None, None], 0.0, derived * delta[:, None, None, None])
     of_group = groups.number == np.arange(len(groups.owner))[:, None]  # (G, U)
     side = np.tensordot(of_group.astype(float), by_others, 1)
-    there, twice = there - side, len(others)
-    there[:twice] = agreed(there[:twice], others - side[:twice])
+    twice = len(others)
+    # What exploded is 0, and stays so
+    there, others = (
+        np.where(its.any((2, 3), keepdims=True), its - side[: len(its)], 0.0)
+        for its in (there, others)
+    )
+    there[:twice] = agreed(there[:twice], others)
     changed = there[number] / delta[anew, None, None, None]
     derived[anew] = np.where(is_main[anew, None, None], changed, derived[anew])
     new = derived.swapaxes(0, 1)
