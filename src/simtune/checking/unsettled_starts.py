@@ -16,13 +16,13 @@ from simtune.fit.readings.stretches import filled
 from simtune.observation import columns_of, measured_places
 from simtune.parameters.fields import OF_JOINTS
 from simtune.simulation.loose_objects import passive_joints
+from simtune.simulation.servos import pulls_to_a_place
 
 _HELD_S = 0.3  # in which what nothing carries falls 44 cm
 _FAR_M, _FAR_RAD = 5e-3, np.radians(2)  # at rest, models a payload off settle by .5 mm and .1°
 # A robot that is walking tilts when it is held; farther than this it is thrown, or falls freely
 _FAR_IN_MOTION_M = 0.1
 _CALM_S, _CALM = 0.1, 0.03  # s, and rad or m that joints at rest may move in that time
-_AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
 _ON_SITE, _ON_BODY = mujoco.mjtTrn.mjTRN_SITE.value, mujoco.mjtTrn.mjTRN_BODY.value
 _FREE, _SLIDE = mujoco.mjtJoint.mjJNT_FREE.value, mujoco.mjtJoint.mjJNT_SLIDE.value
 _MOST_NAMED = 5  # episodes
@@ -49,7 +49,7 @@ def free_bases(loop: OpenLoopReplay) -> list[int]:
 def _driven_joints(model: mujoco.MjModel) -> dict[int, bool]:
     """{joint: whether an actuator of it pulls it to a place}; others of it may damp it."""
     found = dict[int, bool]()
-    pulls = (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
+    pulls = pulls_to_a_place(model)
     for actuator in np.flatnonzero(np.isin(model.actuator_trntype, OF_JOINTS)):
         joint = int(model.actuator_trnid[actuator, 0])
         found[joint] = found.get(joint, False) or bool(pulls[actuator])

@@ -18,7 +18,7 @@ from mujoco.batch import Batch
 from simtune.errors import InputError, UnknownName
 from simtune.parameters.fields import HINGE_OR_SLIDE
 from simtune.simulation.action_numbers import each, finite_range
-from simtune.simulation.servos import is_clipped, position_servos
+from simtune.simulation.servos import actuator_name, is_clipped, position_servos
 
 _JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 
@@ -174,7 +174,7 @@ def _actuators(
     ids = np.array([known.index(name) for name in names], int)
     if chosen is None:
         ids = np.flatnonzero(model.actuator_ctrlnum)
-    names = tuple(known[i] or f"actuator {i}" for i in ids)
+    names = tuple(actuator_name(model, i) for i in ids.tolist())
     for name, num in zip(names, model.actuator_ctrlnum[ids], strict=True):
         if num != 1:
             raise InputError(

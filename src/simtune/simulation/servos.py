@@ -13,8 +13,12 @@ def position_servos(model: mujoco.MjModel) -> np.ndarray:
 
     Not <intvelocity>, whose control is a velocity.
     """
-    pulls = (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
-    return pulls & np.isin(model.actuator_dyntype, FOLLOWS)
+    return pulls_to_a_place(model) & np.isin(model.actuator_dyntype, FOLLOWS)
+
+
+def pulls_to_a_place(model: mujoco.MjModel) -> np.ndarray:
+    """(nactuator,) bool: servos of positions, and <intvelocity>, which goes on from a place."""
+    return (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
 
 
 def velocity_servos(model: mujoco.MjModel) -> np.ndarray:
@@ -41,6 +45,11 @@ def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:
     per_length = 1 / (-(bias[1] or bias[2]) * gear)
     bias, gain = model.actuator_biasprm[servo, 0], model.actuator_gainprm[servo, 0]
     return float(bias * per_length), float(gain * per_length)
+
+
+def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
+    """As actions call it: parts without a name are numbered."""
+    return model.actuator(actuator).name or f"actuator {actuator}"
 
 
 def is_clipped(model: mujoco.MjModel) -> np.ndarray:

@@ -79,9 +79,8 @@ def conclude(
     space = first.space
     sensors = joints_of(observation.sensors)
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
-    reasons = (not found.is_sure, not found.is_sure and off.any(), len(carried) > 0)
-    unsure = _UNSURE ** sum(map(bool, reasons))
-    std, correlation = _errors(judged, found, space, observation, unsure)
+    reasons = int(not found.is_sure) * (1 + int(off.any())) + bool(carried)
+    std, correlation = _errors(judged, found, space, observation, _UNSURE**reasons)
     read, seen = _read(judged.unit, std, first)
     is_in_time = not is_too_late(judged.late_steps[0])
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))

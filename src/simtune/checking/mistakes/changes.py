@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.checking.servos.commands import servos_of
+from simtune.checking.servos.doubts import OTHER_UNITS
 from simtune.fit import Readings
 from simtune.observation import JointSensor, ObservationModel, columns_of, joints_of
 from simtune.simulation import Simulator
-from simtune.simulation.servos import motors
+from simtune.simulation.servos import actuator_name, motors
 
 _EIGHTH = np.pi / 4  # of a turn, by which zeros are tried
 _FINER = 3  # zeros to both sides of the best one
 _MOST_COLUMNS = 8  # of which any two may be exchanged; of more, neighbours
-_UNITS = {"rad": ("degrees", "deg", 180 / np.pi), "m": ("mm", "mm", 1000.0)}
 
 
 class Change(NamedTuple):
@@ -72,7 +72,7 @@ def changes(simulator: Simulator, observation: ObservationModel) -> list[Change]
 def _of_motors(same: Change, simulator: Simulator) -> Iterator[Change]:
     """Of actions of motors that push both ways."""
     model, mapping = simulator.model, simulator.action_mapping
-    pushes = {model.actuator(i).name or f"actuator {i}" for i in np.flatnonzero(motors(model))}
+    pushes = {actuator_name(model, i) for i in np.flatnonzero(motors(model)).tolist()}
     of_motors = [i for i, name in enumerate(mapping.names) if name in pushes]
     for action in of_motors:
         low, high = mapping.range[action]
@@ -99,7 +99,7 @@ def _exchanged(taken: np.ndarray, one: int, other: int) -> np.ndarray:
 
 def _other_units(same: Change, sensor: JointSensor, its: np.ndarray) -> Iterator[Change]:
     """Of a sensor's columns, (D,) bool: degrees or mm, or not these."""
-    other, key, factor = _UNITS[sensor.unit]
+    factor, other, key = OTHER_UNITS[sensor.unit]
     if (sensor.factor == 1).all():
         says = f'sensor {sensor.name} seems to say {other} (unit = "{key}")'
         yield same._replace(says=says, factor=np.where(its, 1 / factor, 1.0))

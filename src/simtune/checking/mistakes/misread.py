@@ -43,13 +43,14 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
     One is made after the other, as long as any helps. None where all joints follow servos, or where
     a robot begins anywhere and no sensor says so.
     """
+    if not (tried := changes(simulator, observation)):
+        return []
     nominal, steps = where_analyzed(simulator.space), round(LONGEST_S / simulator.step_s)
     few = slice(MOST_EPISODES)
     readings = Readings(readings.actions[few, :steps], readings.values[few, : steps + 1])
-    tried = changes(simulator, observation)
     loop = OpenLoopReplay.of(simulator, observation, nominal)
     unit = simulator.space.to_unit(nominal)
-    if not tried or loop.where_starts_show(readings, unit).unseen:
+    if loop.where_starts_show(readings, unit).unseen:
         return []
     replays, began_s = _Replays(loop, unit), time.monotonic()
     first = left = replays.left(readings)

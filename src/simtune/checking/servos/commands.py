@@ -10,6 +10,7 @@ from mujoco.batch import Batch
 from simtune.observation import JointSensor, columns_of
 from simtune.simulation import Simulator
 from simtune.simulation.servos import (
+    actuator_name,
     control_limits,
     joint_target,
     position_servos,
@@ -67,7 +68,7 @@ def _by_joint(simulator: Simulator) -> dict[str, Servo]:
     for i in np.flatnonzero(model.actuator_ctrlnum == 1):
         control, output = int(model.actuator_ctrladr[i]), model.actuator_outadr[i]
         gear = model.actuator_gear[output, 0]
-        is_commanded = (model.actuator(i).name or f"actuator {i}") in commanded
+        is_commanded = actuator_name(model, int(i)) in commanded
         moves_joint = model.actuator_trntype[i] == _JOINT
         if not (is_commanded and are_servos[i] and moves_joint and gear):
             continue

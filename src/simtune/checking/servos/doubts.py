@@ -26,8 +26,9 @@ _FEWEST = 20  # frames far out
 _COUNTS = 3.0  # times as fast as commanded, and faster: no motor is
 _VELOCITIES = 0.1  # by which readings follow commanded speeds better than their changes do
 _DEGREES = 180 / np.pi
-_UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
-_UNITS |= {f"{unit}/s": its for unit, its in _UNITS.items()}
+# {unit: how many of another one it has, its name, and its key in a tuning file}
+OTHER_UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
+OTHER_UNITS |= {f"{unit}/s": its for unit, its in OTHER_UNITS.items()}
 _RPM = 30 / np.pi
 
 
@@ -72,7 +73,7 @@ def misread_by(unit: str, following: Following) -> float | None:
     """
     if not following.is_clear:
         return None
-    factor = _UNITS[unit][0] if unit in _UNITS else np.nan
+    factor = OTHER_UNITS[unit][0] if unit in OTHER_UNITS else np.nan
     size = abs(following.slope)
     if factor / _SCALE < 1 / size < factor * _LESS:
         return 1.0  # or actions are
@@ -83,9 +84,9 @@ def misread_by(unit: str, following: Following) -> float | None:
 
 def _in_other_unit(unit: str, servo: ServoResponse) -> str:
     """Asked if a joint that seems to rest moves as far as commanded, were commands of `unit`."""
-    if unit not in _UNITS:
+    if unit not in OTHER_UNITS:
         return ""
-    factor, other, _ = _UNITS[unit]
+    factor, other, _ = OTHER_UNITS[unit]
     is_alike = servo.commanded / _SCALE < servo.travel * factor < servo.commanded * _SCALE
     return f" Or are these {unit}, and the sensor says {other}?" * is_alike
 
@@ -108,8 +109,8 @@ def _other_scale(joint: Watched, following: Following) -> Doubt | None:
     also = "; the sign is reversed, too" * (following.slope < 0)
     far = "fast" if joint.is_speed else "far"
     says = f"moves {following.slope:.3g} times as {far} as its command"
-    if joint.unit in _UNITS:
-        factor, other, key = _UNITS[joint.unit]
+    if joint.unit in OTHER_UNITS:
+        factor, other, key = OTHER_UNITS[joint.unit]
         if _is_in_unit(size, factor):
             asks = f'are its readings {other}? give the sensor unit = "{key}"{also}'
             return _doubt(joint, says, asks)
