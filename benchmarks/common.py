@@ -16,7 +16,9 @@ from typing import Any
 
 import torch
 
-from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage
+from simtune.fit import FitConfig
+from simtune.fit.motion.particles import ParticleConfig
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 # A search in seconds that finds nothing, to see that all of a benchmark runs.

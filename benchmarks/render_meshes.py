@@ -21,7 +21,7 @@ import tyro
 from common import machine, record_figures
 
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.simulation import make_renderer
+from simtune.simulation.rendering.renderer import make_renderer
 from simtune.vision.keypoints import is_drawn
 
 _UNPACK = Path(__file__).parents[1] / "examples" / "unpack_wheel.py"

@@ -26,7 +26,7 @@ from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.readings import ReadingsSearch
+from simtune.tuning.readings.search import ReadingsSearch
 
 _INTERVAL = 2 * 1.6449  # standard deviations in the central 90 %
 

@@ -25,7 +25,7 @@ from simtune.experiment.settings import Settings
 from simtune.robot.latch import Latch
 from simtune.robot.safe_arm import SafeArm
 from simtune.robot.xarm import XArm
-from simtune.simulation import make_renderer
+from simtune.simulation.rendering.renderer import make_renderer
 from simtune.tasks import Task, load_task
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning_run import tune
@@ -52,9 +52,13 @@ def _imports_are_not_garbage():
 
 @pytest.fixture(autouse=True, scope="module")
 def _memory_given_back(_imports_are_not_garbage):
-    """What a file's tests held, such as its renderers, is not held while the next file's run."""
+    """What a file's tests held, such as its renderers, is not held while the next file's run.
+
+    What is left is needed on. Frozen, it is not looked through again after each of 180 files.
+    """
     yield
     gc.collect()
+    gc.freeze()
     if sys.platform == "linux" and (library := find_library("c")):
         trim = getattr(ctypes.CDLL(library), "malloc_trim", None)  # glibc has it
         if trim:

@@ -14,10 +14,11 @@ from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
-from simtune.fit import FitConfig, ParticleConfig, Refits
+from simtune.fit import FitConfig, Refits
+from simtune.fit.motion.particles import ParticleConfig
 from simtune.tuning.fit_stage import FitStage
-from simtune.tuning.readings_estimate import search_of
-from simtune.tuning.readings_first import ReadingsFirst
+from simtune.tuning.readings.estimate import search_of
+from simtune.tuning.readings.first import ReadingsFirst
 from simtune.tuning_run import tune
 
 # Of a round of `simtune tune` it takes a fifth for networks and most for fits, on two cores.
@@ -156,7 +157,7 @@ def test_readings_that_take_longer_than_their_time_are_left_to_windows(tmp_path:
         experiment = build_experiment(config)
         began_s = machine.now_s
         real, first = experiment.recordings, ReadingsFirst(experiment.context)
-        search = search_of(experiment.context, real)
+        search, _ = search_of(experiment.context, real) or (None, None)
         assert search is not None
         first._fit(search, real, Budget(20.0))
         assert machine.now_s - began_s < 20

@@ -23,8 +23,9 @@ from simtune.real.observed import observed
 from simtune.real.recorded import RecordedReal
 from simtune.record import record
 from simtune.recordings import open_dataset, write_dataset
-from simtune.simulation import Simulator, make_renderer
+from simtune.simulation import Simulator
 from simtune.simulation.rendering.primitives.drawing import Primitives
+from simtune.simulation.rendering.renderer import make_renderer
 from simtune.tasks import Task, load_task, with_one_square_camera
 from simtune.trajectory import Trajectory
 from simtune.vision.detector import DetectorConfig, KeypointDetector, detect, to_input
@@ -223,7 +224,7 @@ def test_record_films_with_every_camera(task, tmp_path):
 
 
 @pytest.mark.thorough
-def test_check_draws_a_picture_of_each_camera(task, tmp_path, monkeypatch):
+def test_check_draws_a_picture_of_each_camera(task, tmp_path, monkeypatch, small_library):
     tuning = tmp_path / "tune.toml"
     longer = TUNING.replace("episode_steps = 12", "episode_steps = 21")  # as `tune` needs
     tuning.write_text(longer.replace('"above"', '"left/above"'))

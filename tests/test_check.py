@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from late_actuators import delay
 
 from simtune import cli
 from simtune.cameras.footage import Footage
@@ -28,7 +29,7 @@ from simtune.fit.camera_changes import (
 )
 from simtune.fit.sensitivity import Sensitivity, analyze, one_by_one
 from simtune.observation import ObservationModel
-from simtune.parameters import ParameterSpace, camera_pose, colour, delay, dynamics
+from simtune.parameters import ParameterSpace, camera_pose, colour, dynamics
 from simtune.recordings import write_dataset
 from simtune.simulation import Rollouts, Simulator, random_actions
 from simtune.tasks import TASKS, Task
@@ -523,7 +524,7 @@ def test_the_table_says_how_late_the_worst_camera_is():
 
 
 @pytest.mark.thorough
-def test_recordings_in_json(simtune, recorded, tmp_path, monkeypatch):
+def test_recordings_in_json(simtune, recorded, tmp_path, monkeypatch, small_library):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     status, out, err = simtune("check", "pendulum", "--real", recorded, "--json")
     assert status == 0

@@ -176,6 +176,20 @@ def test_a_framing_is_recognised(library, frame, says):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize(("framed", "is_told"), [((0.862, 0.721), False), ((0.93, 0.82), True)])
+def test_a_framing_must_make_up_for_what_is_unlike(library, monkeypatch, framed, is_told):
+    """Similarities of an arm with a shadow, which hangs elsewhere in the untuned simulator."""
+
+    def best(pictures, framing, *_):
+        alike = (0.834, 0.69) if framing is AS_IT_IS else framed
+        return np.broadcast_to(np.array(alike)[:, None, None], (2, *pictures.shape[:2]))
+
+    monkeypatch.setattr(film, "_best", best)
+    monkeypatch.setattr(film, "_own_likeness", lambda _: np.array([0.969, 0.876]))
+    assert compare(drawn(3, 8, 1), library).is_reframed == is_told
+
+
+@pytest.mark.thorough
 def test_another_scene_and_a_still_film_are_warned_of(library):
     film = drawn(3, 8, 1)
     rng = np.random.default_rng(0)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from simtune.checking.servos.commands import _without_gaps
 from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.doubts import doubts
 from simtune.checking.servos.fit import ServoResponse, delayed_by, filtered_by, fit_servo
@@ -14,6 +13,7 @@ from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.play import find_play, through_play
 from simtune.checking.servos.roughness import roughness
 from simtune.checking.servos.table import servo_lines
+from simtune.fit.readings.stretches import filled
 from simtune.observation import JointSensor
 
 STEP_S = 0.02
@@ -123,6 +123,23 @@ def test_held_interpolated_and_empty_rows_hide_no_noise(spread, noise, step):
     read = [np.round(its / step) * step if step else its for its in moves]
     true = np.hypot(noise, step / np.sqrt(12))
     assert 0.6 * true < roughness([spread(its) for its in read]) < 2 * true
+
+
+@pytest.mark.parametrize("share", [0.15, 0.4, 0.6])
+def test_rows_lost_at_random_are_no_noise(share):
+    rng = np.random.default_rng(0)
+    read = 0.5 * np.sin(0.1 * np.arange(800)) + 1e-3 * rng.normal(size=800)
+    read[rng.random(800) < share] = np.nan
+    assert roughness([read]) == pytest.approx(1e-3, rel=0.35)
+
+
+@pytest.mark.parametrize(("per_row", "noise"), [(0.25, 1e-3), (0.42, 1e-2)])
+def test_motion_that_only_the_highest_order_tells_from_noise_is_none(per_row, noise):
+    """Every other row would show motion, less in each higher order: it was two or three times."""
+    rng, angle = np.random.default_rng(0), per_row * np.arange(500)
+    waves = 0.5 * np.sin(angle) + 0.2 * np.sin(1.7 * angle + 1)
+    read = waves + noise * rng.normal(size=500)
+    assert roughness([read]) == pytest.approx(noise, rel=0.25)
 
 
 def test_jerks_of_a_servo_are_no_noise():
@@ -450,4 +467,4 @@ def test_an_encoder_that_is_slower_than_the_log_lacks_nothing():
 
 def test_missing_readings_are_interpolated_before_actions_displace_them():
     read = np.array([[np.nan, np.nan], [1.0, np.nan], [np.nan, np.nan], [2.0, np.nan]])
-    np.testing.assert_allclose(_without_gaps(read), [[1, 0], [1, 0], [1.5, 0], [2, 0]])
+    np.testing.assert_allclose(filled(read[None])[0], [[1, 0], [1, 0], [1.5, 0], [2, 0]])

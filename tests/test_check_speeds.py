@@ -10,7 +10,7 @@ from simtune.checking.servos.fit import delayed_by, filtered_by
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.look import look_at
 from simtune.checking.servos.speeds import beside_speeds
-from simtune.simulation.servos import joint_target, velocity_servos
+from simtune.simulation.servos import joint_target, motors, velocity_servos
 from simtune.tasks import load_task
 
 STEP_S, STEPS = 0.03, 300
@@ -156,6 +156,48 @@ def test_servos_of_speeds_in_a_model(tmp_path):
     assert velocity_servos(model).tolist() == [True, False]
     # kv · control, through the gear, is kv · gear² · speed
     assert joint_target(model, 0) == pytest.approx((0.0, 0.5))
+
+
+@pytest.mark.parametrize("every", [3, 5])
+def test_an_encoder_that_is_read_in_every_few_rows_is_looked_at(every):
+    some = []
+    for seed in (1, 2):
+        read = np.full(STEPS + 1, np.nan)
+        read[::every] = angles(commands(seed))[::every]
+        some.append((commands(seed), read))
+    assert said_of(*some) == []
+    (said,) = said_of(*((command, -read) for command, read in some))
+    assert said.startswith("left moves -0.")
+
+
+MOTORS = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="hinge" axis="0 0 1" damping="{damping}"/>
+      <geom type="capsule" fromto="0 0 0 .1 0 0" size=".01" mass=".1"/>
+    </body>
+  </worldbody>
+  <actuator>{actuator}</actuator>
+</mujoco>
+"""
+BY_VOLTAGE = '<general joint="hinge" biastype="affine" gainprm=".005" biasprm="0 0 -.0002"/>'
+
+
+@pytest.mark.parametrize(
+    ("actuator", "damping", "is_servo"),
+    [
+        ('<velocity joint="hinge" kv=".01"/>', 0.005, True),
+        ('<velocity joint="hinge" kv=".01"/>', 0.06, False),  # a seventh of what it is sent
+        ('<velocity joint="hinge" kv=".01" gear="3"/>', 0.06, True),
+        (BY_VOLTAGE, 1e-4, False),  # within a second
+        ('<motor joint="hinge"/>', 1e-4, False),
+    ],
+)
+def test_what_hardly_reaches_its_speed_is_a_motor(actuator, damping, is_servo):
+    model = mujoco.MjModel.from_xml_string(MOTORS.format(actuator=actuator, damping=damping))
+    assert velocity_servos(model).tolist() == [is_servo]
+    assert motors(model).tolist() == [not is_servo]
 
 
 def test_a_slow_wheel_that_is_counted_seldom_is_not_stuck():

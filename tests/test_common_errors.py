@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 from keypoint_evidence import tracks_at
 
-from simtune.fit import Observed, Physics, ShootingConfig
+from simtune.fit import Observed, Physics
 from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.shooting import Shooting, ShootingFit
+from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.tasks import load_task

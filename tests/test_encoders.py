@@ -21,10 +21,10 @@ from simtune.run.folder import RunFolder
 from simtune.run.real_episodes import read_real, write_real
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning import readings_first
 from simtune.tuning.fit_stage import _scaled_as, _with_inflated_noise
-from simtune.tuning.readings_estimate import search_of
-from simtune.tuning.readings_first import ReadingsFirst
+from simtune.tuning.readings import first as readings_first
+from simtune.tuning.readings.estimate import search_of
+from simtune.tuning.readings.first import ReadingsFirst
 
 JOINTS = {
     "cartpole": ("slider",),
@@ -130,7 +130,7 @@ def test_a_network_gets_readings_on_the_scale_that_it_learnt():
 
 @pytest.mark.thorough
 def test_a_policy_is_trained_beside_readings(tmp_path: Path, quickly):
-    config = config_of(tmp_path / "run", observe=BOTH)
+    config = config_of(tmp_path / "run", rounds=1, observe=BOTH)
     with quickly() as quick:
         result = train(config, settings=quick)
     assert set(result["sensors"]) == {"slider"}

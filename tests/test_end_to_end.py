@@ -8,7 +8,9 @@ import pytest
 from simtune.before_after.start_search import StartSearchConfig
 from simtune.config import TuneConfig
 from simtune.experiment.settings import Settings
-from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage
+from simtune.fit import FitConfig
+from simtune.fit.motion.particles import ParticleConfig
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.posterior_net import PosteriorNetConfig
 from simtune.tuning.posterior_config import PosteriorSearchConfig
@@ -64,17 +66,17 @@ SEARCH = PosteriorSearchConfig(
         detector=DetectorConfig(channels=8, free_maps=4, hidden=64, batch_size=32),
         posterior_net=PosteriorNetConfig(channels=32, hidden=64, candidates=32),
     ),
-    num_worlds=64,
+    num_worlds=48,
     episodes_per_world=2,
     pictures_per_world=12,
-    held_out_worlds=48,
+    held_out_worlds=24,
     held_out_steps=24,
     near_worlds=12,
     near_steps=16,
     num_rounds=2,
-    detector_updates=(250, 150),
-    posterior_updates=100,
-    state_updates=80,
+    detector_updates=(180, 100),
+    posterior_updates=60,
+    state_updates=50,
     planned_refits=2,
     most_refits=2,
     fit=FitConfig(

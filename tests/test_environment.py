@@ -15,13 +15,17 @@ from simtune.algorithm import train
 from simtune.checking import check
 from simtune.config import CheckConfig, RecordConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment.experiment import build_experiment
 from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.record import record
+from simtune.recordings import write_dataset
 from simtune.run.files import read_json
 from simtune.search_param_model.simulated import play_worlds
 from simtune.simulation import EnvironmentSimulator, random_actions
 from simtune.tasks import load_any_task
+from simtune.trajectory import Trajectory
+from simtune.tuning.pace import Work
 from simtune.tuning_run import tune
 from simtune.vision.keypoints import find_keypoints
 
@@ -176,6 +180,50 @@ def test_worlds_of_an_environment_are_simulated_as_those_of_a_model():
     assert worlds.filmed_keypoints().shape == (6, 4, 1, 2)
 
 
+def filmed(folder: Path, shape: tuple[int, int]) -> Path:
+    """A dataset of the ball, in the middle of grey pictures of this (height, width)."""
+    parameters, actions, rng = some_worlds(2, 40)
+    simulator = TASK.simulator(image_size=SIZE)
+    films = simulator.film(simulator.roll_out(parameters, actions, rng))
+    around = [(0, 0), (0, 0), *(((long - SIZE) // 2,) * 2 for long in shape), (0, 0)]
+    pictures = np.pad(films, around, constant_values=128)
+    both = zip(pictures, actions.astype(np.float32), strict=True)
+    episodes = [Trajectory(film, its, TASK.step_s) for film, its in both]
+    write_dataset(folder, episodes, action_names=["push"], robot_type="ball", task="bounce")
+    return folder
+
+
+def test_of_a_wide_film_the_middle_square_is_used(tmp_path):
+    film = filmed(tmp_path / "film", (SIZE, SIZE * 4 // 3))
+    config = TuneConfig(task=FILE, out=tmp_path / "run", real=str(film), image_size=SIZE)
+    experiment = build_experiment(config)
+    first = experiment.recordings[0].frames
+    assert first.shape[1:3] == experiment.simulator.shape == (SIZE, SIZE)
+    assert (np.abs(first[:, :, [0, -1]].astype(int) - 128).max(-1) > 40).all(), "no grey bars"
+
+
+def test_work_of_an_environment_is_known_as_such():
+    trajectory = Trajectory(np.zeros((3, 8, 8, 3), np.uint8), np.zeros((2, 1), np.float32), 0.05)
+    assert Work.of(TASK.simulator(image_size=SIZE), [trajectory], False).is_environment
+    cartpole = load_any_task("cartpole").simulator(image_size=SIZE, views=())
+    assert not Work.of(cartpole, [trajectory], False).is_environment
+
+
+def test_upright_films_of_an_environment_are_refused(tmp_path):
+    film = filmed(tmp_path / "film", (SIZE * 4 // 3, SIZE))
+    config = TuneConfig(task=FILE, out=tmp_path / "run", real=str(film))
+    with pytest.raises(InputError, match=r"upright, 48×64; .*crop it to a square"):
+        tune(config)
+
+
+def test_pictures_of_another_shape_than_the_simulators_are_refused_at_the_start(tmp_path):
+    wide = replace(TASK, cameras=(replace(TASK.cameras[0], is_square=False),))
+    film = filmed(tmp_path / "film", (SIZE, SIZE * 4 // 3))
+    config = TuneConfig(task=FILE, out=tmp_path / "run", real=str(film), image_size=SIZE)
+    with pytest.raises(InputError, match="come as 64×48, and the simulator draws 48×48: crop"):
+        build_experiment(config, task=wide)
+
+
 # --- tuned --------------------------------------------------------------------------------
 
 
@@ -283,6 +331,10 @@ def test_files_that_name_no_environment_are_refused(tmp_path):
     assert "env.py cannot be run: ModuleNotFoundError" in refused(text, tmp_path)
     (tmp_path / "env.py").write_text("class :")
     assert "env.py cannot be run: SyntaxError" in refused(text, tmp_path)
+    package = f"{__name__}_package"  # of an id whose package is there, but not what it imports
+    gymnasium.register("Lacking-v0", lambda **_: importlib.import_module(package))
+    lacking = text.replace("env.py:BouncingBall", "Lacking-v0")
+    assert f"Lacking-v0 needs the Python package {package}, which is" in refused(lacking, tmp_path)
     without_py = text.replace("env.py:BouncingBall", "env:BouncingBall")
     assert "gymnasium does not know env:BouncingBall" in refused(without_py, tmp_path)
 
@@ -302,6 +354,12 @@ def test_files_that_name_no_environment_are_refused(tmp_path):
         ("seed=None, options=None", "seed=None", "environment's reset() failed: TypeError"),
         ("0.0, False, False,", "0.0, False,", "environment's step() failed: ValueError"),
         ("        away =", "        1 / 0\n        away =", "render() failed: ZeroDivisionError"),
+        (
+            "        away =",
+            '        raise RuntimeError("an OpenGL platform library has not been loaded")\n'
+            "        away =",
+            "needs MUJOCO_GL=egl",
+        ),
         ("1 - self._place[1]]", "np.nan]", 'info["points"] must be (L, 2) finite'),
         ("1 - self._place[1]]", "0, 0]", "from the top, got (1, 3)"),
     ],

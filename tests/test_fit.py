@@ -8,20 +8,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.fit import (
-    FitConfig,
-    FitWork,
-    Observed,
-    ParticleConfig,
-    Physics,
-    ShootingConfig,
-    Stage,
-    fit_to_budget,
-)
+from simtune.fit import FitConfig, FitWork, Observed, Physics
+from simtune.fit.motion.particles import ParticleConfig
 from simtune.fit.motion.shooting import Shooting, ShootingFit
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.pictures.picture_fit import Pictures, fit_pictures
 from simtune.fit.pictures.pixel_noise import rounding_std
 from simtune.fit.pictures.window_pictures import well_fitted
+from simtune.fit.sizing import fit_to_budget
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import StateSpace, random_actions

@@ -7,12 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 from keypoint_evidence import observed_keypoints
+from late_actuators import delay
 from servo import cartpole_with_servo
 
-from simtune.fit import Observed, ParticleConfig, Physics, ShootingConfig
-from simtune.fit.motion.particles import Particles
+from simtune.fit import Observed, Physics
+from simtune.fit.motion.particles import ParticleConfig, Particles
 from simtune.fit.motion.shooting import Shooting
-from simtune.parameters import Parameter, ParameterSpace, delay
+from simtune.fit.motion.shooting_config import ShootingConfig
+from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
 from simtune.simulation import JointActions, random_actions
 from simtune.tasks import Task, load_task
@@ -129,7 +131,7 @@ def test_fit_recovers_delay_and_gain_from_windows_inside_episodes(name):
     task, truth = make(), np.array(truth)
     physics, rollouts = played(task, truth)
     space, fitted, rng = task.parameters, np.arange(len(truth)), np.random.default_rng(1)
-    config = ShootingConfig(longer=())
+    config = ShootingConfig(longer=(), num_windows=30)
     states = physics.states(rollouts.states)
     rough = states + SPREAD * rng.normal(size=states.shape)
     start = space.from_unit(space.to_unit(truth) + 0.1)

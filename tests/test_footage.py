@@ -15,7 +15,7 @@ from simtune.cameras.rectify import rectify
 from simtune.errors import InputError
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.recordings import Dataset, open_dataset, write_dataset
-from simtune.simulation import Renderer, make_renderer
+from simtune.simulation.rendering.renderer import Renderer, make_renderer
 from simtune.trajectory import Trajectory
 
 WIDE = Lens(640, 480, 500.0, 510.0, 320.0, 240.0, (-0.3, 0.1, 0.001, -0.002, -0.02))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from keypoint_evidence import tracks_at
 
-from simtune.fit import JointMotion, Observed, OpenLoopReplay, Physics, ShootingConfig, left_open
+from simtune.fit import JointMotion, Observed, OpenLoopReplay, Physics, left_open
 from simtune.fit.motion.shooting import Shooting, ShootingFit
+from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.readings.joint_motion import keep_moved_keypoints, smoothed, without_readings
 from simtune.observation import AllEvidence, ObservationModel, finds_offset
 from simtune.tasks import Task, load_task

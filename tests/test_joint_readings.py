@@ -8,9 +8,10 @@ from servo_arm import write_arm
 from test_fit import MOVING, SPACE, observed_of, rough_states, simulator  # noqa: F401
 
 from simtune.errors import InputError
-from simtune.fit import Observed, Physics, ShootingConfig, Stage
+from simtune.fit import Observed, Physics
 from simtune.fit.motion.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.motion.shooting import Shooting
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.readings.normal_equations import explained_by_starts
 from simtune.fit.readings.residuals import correlation_times, spread
 from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed

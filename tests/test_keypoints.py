@@ -15,7 +15,8 @@ from simtune.parameters import (
     colour,
     field_of_view,
 )
-from simtune.simulation import Worlds, make_renderer
+from simtune.simulation.rendering.renderer import make_renderer
+from simtune.simulation.worlds import Worlds
 from simtune.tasks import TASKS, load_task
 from simtune.vision.keypoints import (
     _project,

@@ -14,10 +14,13 @@ from test_fit import (  # noqa: F401
     simulator,
 )
 
-from simtune.fit import Lateness, Physics, ShootingConfig, states_in_late_pictures
+from simtune.before_after.videos import film_from
+from simtune.fit import Lateness, Physics, states_in_late_pictures
 from simtune.fit.fit_warnings import delay_warnings, lateness_warning
 from simtune.fit.motion.shooting import Shooting
+from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.simulation import Rollouts
+from simtune.trajectory import Trajectory
 
 SUBSTEPS = CARTPOLE.action_repeat
 
@@ -78,6 +81,18 @@ def test_things_are_drawn_where_late_pictures_show_them(simulator, played, subst
         there = substeps.states[:, SUBSTEPS - substep :: SUBSTEPS, 1:3][:, : shown.shape[1]]
         off, on_time = (np.abs(its - there).max() for its in (shown, states[:, 1:-1, 1:3]))
         assert off < 0.1 * on_time
+
+
+def test_a_film_of_the_simulator_is_as_late_as_the_pictures(simulator, played, monkeypatch):  # noqa: F811
+    """By the same rule as in a fit: quaternions do not lie on straight lines."""
+    _, truth, rollouts = played
+    drawn, blank = list[np.ndarray](), np.zeros((len(rollouts.states[0]), 48, 48, 3), np.uint8)
+    monkeypatch.setattr(simulator, "render", lambda states, _: drawn.append(states) or blank)
+    real = Trajectory(blank, rollouts.actions[0].astype(np.float32), simulator.step_s)
+    for late_steps in (0.0, 0.4):
+        film_from(simulator, real, truth, rollouts.states[0, 0], late_steps)
+    on_time, late = drawn
+    np.testing.assert_array_equal(late, states_in_late_pictures(simulator, on_time, 0.4))
 
 
 @pytest.mark.thorough

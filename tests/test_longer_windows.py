@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from keypoint_evidence import observed_keypoints
 
-from simtune.fit import Observed, Physics, ShootingConfig
+from simtune.fit import Observed, Physics
 from simtune.fit.motion.shooting import Shooting, ShootingFit
+from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.motion.windows import even_length, not_longer
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution

@@ -8,17 +8,9 @@ from keypoint_evidence import tracks_at
 from search_context import CARTPOLE, SIZE, STEPS, context_of
 
 from simtune.budget import Budget
-from simtune.fit import (
-    FitConfig,
-    Observed,
-    ParticleConfig,
-    Physics,
-    PointEstimate,
-    ReplayFit,
-    ShootingConfig,
-    Stage,
-    StateEstimator,
-)
+from simtune.fit import FitConfig, Observed, Physics, PointEstimate, ReplayFit, StateEstimator
+from simtune.fit.motion.particles import ParticleConfig
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.networks.training import TrainingClock
 from simtune.observation import AllEvidence, ObservationModel
 from simtune.parameters import ParameterSpace

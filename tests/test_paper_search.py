@@ -391,8 +391,8 @@ def test_paper_search_refuses_negative_bounds_short_episodes_and_small_pictures(
     search = a_search()
     (trajectory, _) = real_of(SPACE.nominal)
     short = Trajectory(trajectory.frames[:3], trajectory.actions[:2], 0.1)
-    with pytest.raises(InputError, match="at least 3 steps, got one of 2"):
-        search.run_round([short], Budget())
+    with pytest.raises(InputError, match=r"^swing has 2 steps; .* at least 3: leave it out"):
+        search.check([short], ["swing"])
     small = Trajectory(trajectory.frames[:, :16], trajectory.actions, 0.1)
-    with pytest.raises(ValueError, match="must be 20 × 20, got 16 × 20"):
+    with pytest.raises(InputError, match=r"^episode 0, .* pictures of 20×16; expected 20×20: crop"):
         search.run_round([small], Budget())

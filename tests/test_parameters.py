@@ -5,6 +5,7 @@ import copy
 import mujoco
 import numpy as np
 import pytest
+from late_actuators import delay
 from mujoco.batch import MODEL_FIELDS, Batch
 
 from simtune.errors import InputError, UnknownName
@@ -14,7 +15,6 @@ from simtune.parameters import (
     ParameterSpace,
     camera_pose,
     colour,
-    delay,
     dynamics,
     field_of,
     field_of_view,

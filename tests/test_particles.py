@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from simtune.fit import Observed, ParticleConfig, Physics
-from simtune.fit.motion.particles import Particles
+from simtune.fit import Observed, Physics
+from simtune.fit.motion.particles import ParticleConfig, Particles
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import StateSpace, random_actions

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from keypoint_evidence import tracks_at
 
-from simtune.fit import Observed, Physics, ShootingConfig, Stage
+from simtune.fit import Observed, Physics
 from simtune.fit.motion.shooting import Shooting
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.pictures.poses import align_to_images, uncertain_poses
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution

@@ -4,6 +4,7 @@ import itertools
 import json
 import time
 from dataclasses import replace
+from typing import NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from simtune.tuning.estimate import Estimate
 from simtune.tuning.learning import LearningResult
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.search import Callbacks
+from simtune.tuning.search import Callbacks, Round
 from simtune.vision.keypoints import find_keypoints
 
 
@@ -43,18 +44,70 @@ def start(simulator: Simulator, config: PosteriorSearchConfig, seed: int = 0) ->
     return PosteriorSearch(context_of(simulator, seed=seed), config)
 
 
-@pytest.mark.thorough
-def test_rounds_give_estimates_and_ranges_within_bounds(simulator, real, tiny):
-    search = start(simulator, tiny)
+class Saved(NamedTuple):
+    """What a later process has of a search."""
+
+    tensors: dict[str, torch.Tensor]
+    state: dict
+
+    @classmethod
+    def of(cls, search: PosteriorSearch) -> "Saved":
+        tensors = {name: tensor.clone() for name, tensor in search.tensors().items()}
+        return cls(tensors, json.loads(json.dumps(search.state())))
+
+    def load(self, config: PosteriorSearchConfig, seed: int = 0) -> PosteriorSearch:
+        """Into another process's search."""
+        search = start(CARTPOLE.simulator(image_size=SIZE), config, seed)
+        search.load(self.tensors, self.state)
+        return search
+
+
+class Straight(NamedTuple):
+    """A search that was never interrupted, of two rounds."""
+
+    config: PosteriorSearchConfig
+    rounds: list[Round]
+    steps: list[int]  # simulated in each
+    stop_reasons: list[str]  # before each, and at last
+    within_first: Saved
+    after: list[Saved]
+    reported: list[tuple[str, float]]
+
+
+STRAIGHT_SEED = 4
+
+
+@pytest.fixture(scope="module")
+def straight(simulator, real, tiny) -> Straight:
+    config = replace(tiny, detector_updates=(40,), posterior_updates=40)  # enough to report
+    search, within = start(simulator, config, STRAIGHT_SEED), []
     np.testing.assert_array_equal(search.distribution.mean, START)
-    keys = []
-    for done in range(tiny.num_rounds):
-        assert not search.stop_reason
-        steps_before = simulator.num_steps
-        estimate, _, metrics = search.run_round(real, Budget())
-        keys.append(set(metrics))
-        assert search.num_rounds == done + 1
-        assert simulator.num_steps >= steps_before + tiny.num_worlds * 2 * STEPS
+    made = Straight(config, [], [], [search.stop_reason], cast(Saved, None), [], [])
+    budget = Budget(report=lambda doing, done: made.reported.append((doing, done)))
+    for _ in range(tiny.num_rounds):
+        steps = simulator.num_steps
+        save = Callbacks(save=lambda: within.append(Saved.of(search)))
+        made.rounds.append(search.run_round(real, budget, save))
+        made.steps.append(simulator.num_steps - steps)
+        made.stop_reasons.append(search.stop_reason)
+        made.after.append(Saved.of(search))
+    assert len(within) == tiny.num_rounds
+    return made._replace(within_first=within[0])
+
+
+@pytest.fixture(scope="module")
+def judged(simulator, real, tiny) -> tuple[Estimate, list[Estimate], Saved]:
+    """A whole round's estimate, what was told before it was judged, and its search."""
+    told: list[Estimate] = []
+    search = start(simulator, replace(tiny, num_rounds=1))
+    estimate = search.run_round(real, Budget(1e6), Callbacks(report_early=told.append)).estimate
+    return estimate, told, Saved.of(search)
+
+
+@pytest.mark.thorough
+def test_rounds_give_estimates_and_ranges_within_bounds(straight):
+    for (estimate, _, metrics), steps in zip(straight.rounds, straight.steps, strict=True):
+        assert steps >= straight.config.num_worlds * 2 * STEPS
         for values in (estimate.mean, estimate.low, estimate.high):
             assert values.shape == (len(SPACE),)
             np.testing.assert_array_equal(values, SPACE.clip(values))
@@ -62,8 +115,9 @@ def test_rounds_give_estimates_and_ranges_within_bounds(simulator, real, tiny):
         assert set(estimate.curves) == set(SPACE.names)
         assert set(estimate.verdict) <= {"identified", "weak", "not identifiable"}
         assert np.isfinite(list(metrics.values())).all()
-    assert search.stop_reason == "all rounds are done"
-    assert keys[0] == keys[1]
+    assert straight.stop_reasons == ["", "", "all rounds are done"]
+    first, second = straight.rounds
+    assert set(first.metrics) == set(second.metrics)
 
 
 def test_the_detector_is_judged_in_worlds_as_near_the_real_one_as_its_start_tells(
@@ -117,66 +171,55 @@ def same_estimates(one, other) -> None:
         np.testing.assert_array_equal(prob_higher, other.curves[name][1])
 
 
-@pytest.mark.thorough
-def test_resumed_search_repeats_a_straight_one_bit_for_bit(simulator, real, tiny):
-    config = replace(tiny, num_rounds=3)
-    straight = start(simulator, config, seed=4)
-    straight.run_round(real, Budget())
-    tensors = {k: v.clone() for k, v in straight.tensors().items()}
-    state = json.loads(json.dumps(straight.state()))
-    first, second = (straight.run_round(real, Budget()) for _ in range(2))
+def ends_as(search: PosteriorSearch, saved: Saved) -> None:
+    """Its tensors and its state are the same bit for bit."""
+    for name, tensor in saved.tensors.items():
+        assert torch.equal(tensor, search.tensors()[name]), name
+    assert json.dumps(search.state()) == json.dumps(saved.state)  # NaN is itself there
 
-    resumed = start(CARTPOLE.simulator(image_size=SIZE), config, seed=4)  # another process's
-    resumed.load(tensors, state)
+
+@pytest.mark.thorough
+def test_resumed_search_repeats_a_straight_one_bit_for_bit(straight, real):
+    begun, ended = straight.after
+    resumed = begun.load(straight.config, STRAIGHT_SEED)
     assert resumed.num_rounds == 1
     for key in ("mean", "low", "high"):
-        expected = np.array(state["distribution"][key])
+        expected = np.array(begun.state["distribution"][key])
         np.testing.assert_array_equal(getattr(resumed.distribution, key), expected)
     torch.rand(7)  # what others draw from torch does not matter
     np.random.rand(7)  # noqa: NPY002  nor from numpy
-    for expected_estimate, expected_events, expected_metrics in (first, second):
-        estimate, events, metrics = resumed.run_round(real, Budget())
-        same_estimates(estimate, expected_estimate)
-        assert events == expected_events
-        assert metrics == expected_metrics
-    for name, tensor in straight.tensors().items():
-        assert torch.equal(tensor, resumed.tensors()[name]), name
-    resumed_state, straight_state = resumed.state(), straight.state()
-    assert json.dumps(resumed_state) == json.dumps(straight_state)  # NaN is itself there
+    expected_estimate, expected_events, expected_metrics = straight.rounds[1]
+    estimate, events, metrics = resumed.run_round(real, Budget())
+    same_estimates(estimate, expected_estimate)
+    assert events == expected_events
+    assert metrics == expected_metrics
+    assert resumed.num_rounds == 2
+    ends_as(resumed, ended)
 
 
 @pytest.mark.thorough
 def test_a_round_that_was_cut_off_goes_on_with_its_detector_bit_for_bit(
-    simulator, real, tiny, monkeypatch
+    straight, real, monkeypatch
 ):
-    saved = []
-    straight = start(simulator, tiny, seed=4)
-
-    def keep() -> None:
-        tensors = {k: v.clone() for k, v in straight.tensors().items()}
-        saved.append((tensors, json.loads(json.dumps(straight.state()))))
-
-    expected, events, metrics = straight.run_round(real, Budget(), Callbacks(save=keep))
-    resumed = start(CARTPOLE.simulator(image_size=SIZE), tiny, seed=4)
-    ((tensors, state),) = saved
-    resumed.load(tensors, state)
+    resumed = straight.within_first.load(straight.config, STRAIGHT_SEED)
     assert resumed.num_rounds == 0
     with monkeypatch.context() as patch:
         patch.setattr(resumed.model, "train_detector", None)
         again = resumed.run_round(real, Budget())
+    expected, events, metrics = straight.rounds[0]
     same_estimates(again.estimate, expected)
     assert (again.events, again.metrics) == (events, metrics)
-    assert json.dumps(resumed.state()) == json.dumps(straight.state())
-    for name, tensor in straight.tensors().items():
-        assert torch.equal(tensor, resumed.tensors()[name]), name
+    ends_as(resumed, straight.after[0])
 
 
 @pytest.mark.thorough
-def test_seed_decides_the_estimate(simulator, real, tiny):
-    one, other, another = (
-        start(simulator, tiny, seed).run_round(real, Budget())[0] for seed in (1, 1, 2)
+def test_seed_decides_the_estimate(straight, simulator, real):
+    same, another = (
+        start(simulator, straight.config, seed).run_round(real, Budget()).estimate
+        for seed in (STRAIGHT_SEED, 2)
     )
-    same_estimates(one, other)
+    one = straight.rounds[0].estimate
+    same_estimates(one, same)
     assert not np.array_equal(one.mean, another.mean)
 
 
@@ -195,56 +238,50 @@ def test_round_out_of_time_makes_its_least_updates_and_still_estimates(simulator
     assert np.isfinite(estimate.mean).all()
 
 
+def num_refits(estimate: Estimate) -> set[int]:
+    """Of each parameter."""
+    return {len(ranks) for ranks in estimate.ranks.values()}
+
+
 @pytest.mark.thorough
 def test_a_round_is_judged_by_refits_unless_time_is_over_or_another_will_follow(
-    simulator, real, tiny
+    simulator, real, tiny, judged, straight
 ):
-    def refits(config: PosteriorSearchConfig, budget: Budget) -> set[int]:
-        estimate, _, _ = start(simulator, config).run_round(real, budget)
-        return {len(ranks) for ranks in estimate.ranks.values()}
-
-    assert refits(replace(tiny, num_rounds=1), Budget(1e6)) == {tiny.most_refits}
-    assert refits(replace(tiny, num_rounds=1), Budget()) == {tiny.planned_refits}
-    assert refits(tiny, Budget()) == set(), "what is fitted once more needs no refits"
-    assert refits(tiny, over()) == set()
+    assert num_refits(judged[0]) == {tiny.most_refits}
+    first, last = (round_.estimate for round_ in straight.rounds)
+    assert num_refits(last) == {tiny.planned_refits}
+    assert num_refits(first) == set(), "what is fitted once more needs no refits"
+    assert num_refits(start(simulator, tiny).run_round(real, over()).estimate) == set()
 
 
 @pytest.mark.thorough
-def test_a_fit_is_told_before_it_is_judged_and_not_called_sure(simulator, real, tiny):
-    told: list[Estimate] = []
-    search = start(simulator, replace(tiny, num_rounds=1))
-    judged, _, _ = search.run_round(real, Budget(1e6), Callbacks(report_early=told.append))
-    (early,) = told
+def test_a_fit_is_told_before_it_is_judged_and_not_called_sure(judged):
+    estimate, (early,), _ = judged
     assert "identified" not in early.verdict
     assert not early.ranks
-    assert (np.abs(early.mean - judged.mean) < early.high - early.low).all()
+    assert (np.abs(early.mean - estimate.mean) < early.high - early.low).all()
     assert any("no time to fit a known world" in warning for warning in early.warnings)
 
 
 @pytest.mark.thorough
-def test_a_round_without_time_for_its_fit_keeps_that_of_the_round_before(simulator, real, tiny):
-    search = start(simulator, replace(tiny, num_rounds=1))
-    judged, _, _ = search.run_round(real, Budget(1e6))
-    estimate, _, _ = search.run_round(real, over())
-    assert {len(ranks) for ranks in judged.ranks.values()} == {tiny.most_refits}
-    assert estimate is judged, "its fit, which was not finished, is of no use"
-    later = start(CARTPOLE.simulator(image_size=SIZE), replace(tiny, num_rounds=1))
-    tensors = {k: v.clone() for k, v in search.tensors().items()}
-    later.load(tensors, json.loads(json.dumps(search.state())))
-    same_estimates(later.run_round(real, over()).estimate, judged)  # also of an earlier session
+def test_a_round_without_time_for_its_fit_keeps_that_of_the_round_before(
+    simulator, real, tiny, judged
+):
+    estimate, _, saved = judged
+    assert num_refits(estimate) == {tiny.most_refits}
+    # The fit that was not finished is of no use, also in a later session
+    later = saved.load(replace(tiny, num_rounds=1))
+    kept = later.run_round(real, over()).estimate
+    same_estimates(kept, estimate)
+    assert later.run_round(real, over()).estimate is kept
 
 
 @pytest.mark.thorough
-def test_progress_is_reported_and_never_goes_back(simulator, real, tiny):
-    reports: list[tuple[str, float]] = []
-    budget = Budget(report=lambda doing, done: reports.append((doing, done)))
-    search = start(simulator, replace(tiny, detector_updates=(40,), posterior_updates=40))
-    for _ in range(2):
-        search.run_round(real, budget)
-    shares = [done for _, done in reports]
+def test_progress_is_reported_and_never_goes_back(straight):
+    shares = [done for _, done in straight.reported]
     assert all(a <= b + 1e-9 for a, b in itertools.pairwise(shares))
     assert 0 <= shares[0] < shares[-1] <= 1
-    words = [doing for doing, _ in reports]
+    words = [doing for doing, _ in straight.reported]
     assert {w.split(": ")[0] for w in words} == {"round 1", "round 2"}
     assert {w.split(": ")[1] for w in words} >= {
         "simulating and filming",

@@ -13,9 +13,9 @@ from simtune.real.observed import observed
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.readings_agreement import BestDescent
-from simtune.tuning.readings_estimate import ReadingsEstimate, search_of
-from simtune.tuning.readings_verdict import ReadingsFit
+from simtune.tuning.readings.agreement import BestDescent
+from simtune.tuning.readings.estimate import ReadingsEstimate, search_of
+from simtune.tuning.readings.verdict import ReadingsResult
 from simtune.tuning.search import SearchContext
 from simtune.vision.keypoints import find_keypoints
 
@@ -65,7 +65,7 @@ def by_fit(
     is_in_time: bool = True,
 ) -> ReadingsEstimate:
     found = cast(BestDescent, None)  # is not asked for
-    fit = ReadingsFit(estimate, SEEN, is_trusted, is_in_time, found, np.zeros(1))
+    fit = ReadingsResult(estimate, SEEN, is_trusted, is_in_time, found, np.zeros(1))
     return ReadingsEstimate(fit, joints)
 
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from late_actuators import delay
 from servo_arm import write_arm
 from short_training import by_few_windows, config_of
 
@@ -21,15 +22,16 @@ from simtune.evaluation.evaluate import evaluate
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.rollout import PolicyWorlds
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
-from simtune.experiment.training_parts import _most_late
+from simtune.experiment.training_parts import _max_delay_steps
 from simtune.observation import ObservationModel
-from simtune.parameters import ParameterSpace, delay
+from simtune.parameters import ParameterSpace
 from simtune.real.choose import choose_real
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
 from simtune.run.files import read_jsonl
-from simtune.simulation import Simulator, acting_late, make_renderer
+from simtune.simulation import Simulator, acting_late
 from simtune.simulation.rendering import opengl
+from simtune.simulation.rendering.renderer import make_renderer
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory, delayed
 from simtune.vision.image_noise import ImageNoise
@@ -237,7 +239,7 @@ def test_a_policy_sees_what_the_gaps_camera_delivers_and_acts_a_step_late(simula
 
 def test_latest_actions_belong_to_the_state_where_they_may_be_late():
     simulator = TASK.simulator(image_size=SIZE)
-    environment = PolicyWorlds(TASK, simulator, 1, most_late=2)
+    environment = PolicyWorlds(TASK, simulator, 1, max_delay_steps=2)
     told: list[np.ndarray] = []
 
     def policy(observation: Observation) -> np.ndarray:
@@ -258,7 +260,7 @@ def test_latest_actions_belong_to_the_state_where_they_may_be_late():
 
 def test_a_delay_moves_what_happens_by_its_steps():
     simulator = TASK.simulator(image_size=SIZE)
-    worlds, environment = SPACE.nominal[None], PolicyWorlds(TASK, simulator, 1, most_late=2)
+    worlds, environment = SPACE.nominal[None], PolicyWorlds(TASK, simulator, 1, max_delay_steps=2)
 
     def accelerations(delay_steps: int) -> np.ndarray:
         rng, pushes = np.random.default_rng(0), itertools.chain([0.0], itertools.repeat(1.0))
@@ -276,7 +278,7 @@ def test_delays_of_simulated_episodes_are_about_what_was_found():
     training = SimpleNamespace(
         config=SimpleNamespace(method="autotune"),
         scored_in=SimpleNamespace(gap=None),
-        learnt_in=SimpleNamespace(most_late=2),
+        learnt_in=SimpleNamespace(max_delay_steps=2),
         simulator=simulator,
         real=SimpleNamespace(observation=any_real),
         declared_late_steps=0.0,
@@ -303,8 +305,8 @@ def test_pictures_are_as_late_to_a_policy_as_their_camera_declares(real, declare
         scored_in=SimpleNamespace(gap=None),
         space=SPACE,
     )
-    assert _most_late(world) == 2 + declared
-    world.learnt_in = SimpleNamespace(most_late=_most_late(world))
+    assert _max_delay_steps(world) == 2 + declared
+    world.learnt_in = SimpleNamespace(max_delay_steps=_max_delay_steps(world))
     world.declared_late_steps = TrainingExperiment.declared_late_steps.fget(world)
     assert world.declared_late_steps == declared
     drawn = partial(TrainingExperiment.delay_steps, world, rng=np.random.default_rng(0))
@@ -316,7 +318,7 @@ def test_pictures_are_as_late_to_a_policy_as_their_camera_declares(real, declare
     world.config.method = "dr"
     world.space = world.simulator.space = ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)])
     assert drawn(None) == declared
-    assert _most_late(world) == 1 + declared
+    assert _max_delay_steps(world) == 1 + declared
 
 
 def test_actions_on_their_way_belong_to_the_state_where_a_delay_is_a_parameter():
@@ -326,9 +328,9 @@ def test_actions_on_their_way_belong_to_the_state_where_a_delay_is_a_parameter()
         simulator=SimpleNamespace(step_s=0.02, space=SPACE, num_actions=1),
         space=ParameterSpace([*SPACE, delay("late", ("slide",), 0.05)]),
     )
-    assert _most_late(world) == 3
+    assert _max_delay_steps(world) == 3
     world.space = SPACE
-    assert _most_late(world) == 0
+    assert _max_delay_steps(world) == 0
 
 
 def test_noisy_cameras_do_to_tensors_what_the_noise_says():

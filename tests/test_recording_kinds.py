@@ -25,7 +25,7 @@ from simtune.recordings import Dataset, decode, open_dataset, write_dataset, wri
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.lerobot.features import _names
 from simtune.recordings.resample import step_actions, step_readings, step_times
-from simtune.recordings.source import Rows
+from simtune.recordings.source import Rows, short
 from simtune.recordings.steps import make_steps
 from simtune.trajectory import Trajectory
 
@@ -679,3 +679,8 @@ def test_a_video_of_one_frame_is_no_recording(tmp_path):
     write_video(tmp_path / "one.mp4", np.zeros((1, 32, 32, 3), np.uint8), 20)
     with pytest.raises(InputError, match=r"one\.mp4: holds one frame; expected at least 2"):
         open_dataset(tmp_path, image_size=32, num_actions=0)
+
+
+def test_a_long_list_of_names_says_how_many_more_there_are():
+    assert short([f"joint {i}" for i in range(14)]).endswith("joint 11 and 2 more")
+    assert short(["a\nb"]) == r"'a\nb'"

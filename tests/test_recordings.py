@@ -19,14 +19,8 @@ from simtune.cameras.pictures import resize
 from simtune.errors import InputError
 from simtune.real import RealWorld
 from simtune.real.recorded import RecordedReal
-from simtune.recordings import (
-    decode,
-    frames_at,
-    open_dataset,
-    probe,
-    write_dataset,
-    write_video,
-)
+from simtune.recordings import decode, open_dataset, write_dataset, write_video
+from simtune.recordings.video import frames_at, probe
 from simtune.trajectory import Trajectory
 
 SIZE = 32  # pixels

@@ -1,5 +1,6 @@
 """Both renderers draw the same worlds, and each world in its own parameters."""
 
+import copy
 import dataclasses
 import functools
 import sys
@@ -9,6 +10,7 @@ import mujoco
 import mujoco_warp
 import numpy as np
 import pytest
+from late_actuators import delay
 
 from simtune.errors import InputError
 from simtune.parameters import (
@@ -16,22 +18,16 @@ from simtune.parameters import (
     ParameterSpace,
     camera_pose,
     colour,
-    delay,
     field_of_view,
 )
-from simtune.simulation import (
-    OPENGL_DM_CONTROL,
-    OpenGLQuality,
-    Renderer,
-    Simulator,
-    make_renderer,
-    random_actions,
-)
+from simtune.simulation import OPENGL_DM_CONTROL, OpenGLQuality, Simulator, random_actions
 from simtune.simulation.rendering import opengl
+from simtune.simulation.rendering.constant_sky import constant_sky
 from simtune.simulation.rendering.depths import Depths
 from simtune.simulation.rendering.primitives import drawing
 from simtune.simulation.rendering.primitives.drawing import Primitives
 from simtune.simulation.rendering.raycaster import Raycaster
+from simtune.simulation.rendering.renderer import Renderer, make_renderer
 from simtune.simulation.rendering.sky import smooth_sky
 from simtune.tasks import TASKS, load_task
 
@@ -404,6 +400,17 @@ def test_a_camera_that_only_moves_sees_the_same_sky(scene):
     np.testing.assert_array_equal(
         still, expected.render(states_of(scene, [0.0]), painted((RED, BLUE)))[0]
     )
+
+
+def test_one_sky_is_drawn_once_and_others_for_themselves(scene):
+    at = scene, "above", (SIZE, SIZE)
+    assert constant_sky(*at) is constant_sky(*at)
+    elsewhere, brighter = copy.copy(scene), copy.copy(scene)
+    elsewhere.cam_quat[0] = 1, 0, 0, 0
+    brighter.tex_data[:] = np.minimum(brighter.tex_data, 200) + 40
+    for other in ((elsewhere, *at[1:]), (brighter, *at[1:])):
+        assert (constant_sky(*other) != constant_sky(*at)).any()
+    assert constant_sky(scene, "above", (SIZE, 2 * SIZE)).shape == (SIZE, 2 * SIZE)
 
 
 def sky_faces(model: mujoco.MjModel) -> np.ndarray:

@@ -18,8 +18,8 @@ from simtune.fit.readings.slopes import Groups
 from simtune.observation import JointSensor, ObservationModel, finds_offset
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
-from simtune.tuning.readings_agreement import agree, best_of, two_agree
-from simtune.tuning.readings_fits import Horizon, Horizons, ReadingsFits
+from simtune.tuning.readings.agreement import agree, best_of, two_agree
+from simtune.tuning.readings.descents import Horizon, Horizons, ReadingsDescents
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
 
@@ -134,7 +134,7 @@ def test_what_a_short_episode_is_padded_with_is_neither_played_nor_counted(arm, 
 def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
     horizons = Horizons(growing=(Horizon(0.4, 3, 24), Horizon(1.0, 2, 12)))
     ends = (np.zeros(4), np.ones(4))
-    fits = ReadingsFits(arm.fit, arm.readings, arm.step_s, ends, horizons, 0)
+    fits = ReadingsDescents(arm.fit, arm.readings, arm.step_s, ends, horizons, 0)
     ended = fits.grow(fits.begin(arm.start), Budget())
     # Readings have a noise of .002 rad
     assert ended[0].log_rms < np.log(0.0026)
@@ -192,7 +192,7 @@ def test_an_unknown_offset_makes_a_servo_that_sags_uncertain(tmp_path):
         loop, np.array([True]), task.parameters.to_unit(task.parameters.nominal)
     )
     horizons = Horizons(growing=(Horizon(0.25, 1, 48), Horizon(1.0, 1, 24)))
-    fits = ReadingsFits(fit, readings, 0.05, (np.zeros(2), np.ones(2)), horizons, 0)
+    fits = ReadingsDescents(fit, readings, 0.05, (np.zeros(2), np.ones(2)), horizons, 0)
     (ended,) = fits.grow(fits.begin(fit.prior), Budget())
     ended = fit.descend(readings, ended.guess, ReplayStage(15), Budget())
     found = fit.judge(ended, Budget())
@@ -206,7 +206,7 @@ def test_horizons_of_equal_steps_may_differ_in_stretches(arm: SimpleNamespace):
     """At ten readings a second, a quarter and half of a second are both the fewest steps."""
     horizons = Horizons(growing=(Horizon(0.25, 2, 5), Horizon(0.5, 1, 3)), iterations=2)
     ends = (np.zeros(4), np.ones(4))
-    fits = ReadingsFits(arm.fit, arm.readings, 0.1, ends, horizons, 0)
+    fits = ReadingsDescents(arm.fit, arm.readings, 0.1, ends, horizons, 0)
     ended = fits.grow(fits.begin(arm.start), Budget())
     assert np.isfinite(ended[0].log_rms)
 
@@ -234,8 +234,9 @@ def test_a_delay_of_a_step_is_not_left_to_a_lateness_that_ends_before():
     readings.delayed = lambda steps: SimpleNamespace(late=steps)
     ends = (np.zeros(2), np.array([1.0, 0.0]))
     horizons = Horizons(growing=(Horizon(0.4, 1, 24),))
-    fits = ReadingsFits(fit, readings, 0.05, ends, horizons, 0)  # type: ignore[arg-type]
-    guess, steps = fits.how_late(Guess(np.array([0.5, Lateness.unit(0.0)]), np.zeros(1)), Budget())
+    fits = ReadingsDescents(fit, readings, 0.05, ends, horizons, 0)  # type: ignore[arg-type]
+    first = Guess(np.array([0.5, Lateness.unit(0.0)]), np.zeros(1))
+    guess, steps = fits.find_latency(first, Budget())
     assert steps == 1
     assert Lateness.steps(guess.unit[-1]) == pytest.approx(-0.25)
     # Each number of steps begins with the whole delay as it was
@@ -282,7 +283,7 @@ def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
         Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1))),
     )
     ends = (np.zeros(3), np.ones(3))
-    fits = ReadingsFits(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
+    fits = ReadingsDescents(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
     ended = fits.grow(fits.begin(np.full(3, 0.5)), Budget())
     found = fits.fit_until_two_agree(ended, 0, Budget())
     assert found.is_whole == is_whole
@@ -303,7 +304,7 @@ def test_of_segments_that_lead_to_each_other_the_first_are_kept():
     fit = Swinging(None, None)  # type: ignore[arg-type]
     readings = Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1)))
     ends = (np.zeros(3), np.ones(3))
-    fits = ReadingsFits(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
+    fits = ReadingsDescents(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
     guess = Guess(np.full(3, 0.5), np.zeros(1))
     _, stage, _ = fits._first_whole(readings, guess, Budget())
     assert len(fit.stages) == 2
@@ -313,7 +314,7 @@ def test_of_segments_that_lead_to_each_other_the_first_are_kept():
 
 def test_another_start_is_elsewhere_also_where_the_best_is_at_a_bound():
     ends = (np.zeros(1), np.ones(1))
-    fits = ReadingsFits(None, None, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
+    fits = ReadingsDescents(None, None, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
     rng = np.random.default_rng(0)
     for unit in (0.0, 0.5, 1.0):
         best: Any = SimpleNamespace(unit=np.array([unit]), guess=SimpleNamespace(offsets=0.0))

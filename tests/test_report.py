@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+from dataclasses import asdict
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -28,6 +29,7 @@ from simtune.report.words import interval
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.files import write_json
 from simtune.run.folder import RunFolder
+from simtune.tuning.search import Event
 
 # name: (unit, truth, start, verdict)
 _COLOURS = {"cup": (0.75, 0.6, 0.15), "ball": (0.6, 0.4, 0.3), "ground": (0.05, 0.15, 0.3)}
@@ -68,7 +70,8 @@ def make_run(path: Path, num_rounds: int = 4, finished: bool = True) -> Path:
                 if name == "ball_mass" and round_ == 1:
                     event, reason = "widened", "the curve is still at 0.9 at the upper edge"
                 if round_ == 1 or name == "ball_mass":
-                    run.logs.log_event(step, wall_s, event, name, wide[0], wide[1], reason)
+                    told = Event(event, name, *wide, reason)
+                    run.logs.log_event(step, wall_s, asdict(told))
                 candidates = np.linspace(*wide, 33)
                 centred = np.log(candidates / mean) / width * 2.94
                 prob_higher = 1 / (1 + np.exp(centred))

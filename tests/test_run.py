@@ -6,6 +6,7 @@ import math
 import os
 import shutil
 from collections.abc import Callable
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,8 +28,10 @@ from simtune.run.real_episodes import read_real, write_real
 from simtune.run.sources import source_of
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
+from simtune.tuning.search import Event
 
 CONFIG = {"task": "ball_in_cup", "seed": 1, "out": "a", "spm": {"width": 256, "dropout": 0.5}}
+EVENT = Event("narrowed", "ball_mass", 0.1, 0.2, "clear")
 
 
 @pytest.fixture
@@ -46,7 +49,7 @@ def _create(path: Path, **changes) -> RunFolder:
 def _log(run: RunFolder, *steps: int) -> None:
     for step in steps:
         run.logs.log_metrics(step, 2, step / 10, {"loss/spm": 0.5})
-        run.logs.log_event(step, step / 10, "narrowed", "ball_mass", 0.1, 0.2, "clear")
+        run.logs.log_event(step, step / 10, asdict(EVENT))
 
 
 def _steps(run: RunFolder, name: str = "metrics.jsonl") -> list[int]:
@@ -67,7 +70,7 @@ def test_config_is_written_with_versions(path):
 def test_metrics_and_events(path):
     with _create(path) as run:
         run.logs.log_metrics(10, 2, 1.5, {"mean/ball_mass": np.float32(0.5), "loss/spm": math.nan})
-        run.logs.log_event(10, 1.5, "widened", "ball_mass", 0.1, 0.9, "saturated")
+        run.logs.log_event(10, 1.5, asdict(EVENT))
         line = json.loads((path / "metrics.jsonl").read_text())  # there before the run is closed
     assert line == {
         **{"step": 10, "real_episodes": 2, "wall_s": 1.5},

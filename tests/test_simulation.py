@@ -7,10 +7,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from late_actuators import delay
 
 import simtune.simulation
-from simtune.parameters import ModelWriter, ParameterSpace, delay
-from simtune.simulation import DirectActions, StateSpace, Worlds, prepare_spec, random_actions
+from simtune.parameters import ModelWriter, ParameterSpace
+from simtune.simulation import DirectActions, StateSpace, prepare_spec, random_actions
+from simtune.simulation.worlds import Worlds
 from simtune.tasks import Task, load_task
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION

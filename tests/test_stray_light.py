@@ -15,13 +15,8 @@ from simtune.parameters import ParameterSpace, colour
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import play_worlds
 from simtune.search_param_model.training_pictures import TrainingPictures
-from simtune.simulation import (
-    OpenGLQuality,
-    RendererName,
-    Rollouts,
-    StrayLight,
-    make_renderer,
-)
+from simtune.simulation import OpenGLQuality, RendererName, Rollouts, StrayLight
+from simtune.simulation.rendering.renderer import make_renderer
 from simtune.vision.keypoints import Keypoints
 
 SIZE = 64

@@ -354,7 +354,7 @@ def test_the_policy_acts_without_the_teachers_networks():
 
 def test_an_agent_whose_actions_may_be_late_knows_its_latest_ones():
     """In the real world by what it did itself; as an episode begins it has done nothing."""
-    spec = replace(SPEC, most_late=2, num_states=3 + 2)
+    spec = replace(SPEC, max_delay_steps=2, num_states=3 + 2)
     agent, told = TeacherStudent(spec, SMALL), []
     act = agent.student.act
 
@@ -377,7 +377,7 @@ def test_an_agent_whose_actions_may_be_late_knows_its_latest_ones():
 
 
 def test_an_agent_knows_its_latest_actions_where_nothing_moves():
-    agent, told = TeacherStudent(replace(SPEC, most_late=1, num_states=3 + 1), SMALL), []
+    agent, told = TeacherStudent(replace(SPEC, max_delay_steps=1, num_states=3 + 1), SMALL), []
     act = agent.student.act
 
     def spy(frames: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:

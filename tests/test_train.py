@@ -42,7 +42,7 @@ from simtune.run.checkpoint import load, newest
 from simtune.run.files import read_json, read_jsonl
 from simtune.search_param_model.paper import PaperConfig
 from simtune.simulation import scale_actions
-from simtune.tasks import load_task
+from simtune.tasks import TASKS, load_task
 from simtune.tuning.estimate import Estimate, Verdict, unsure
 from simtune.tuning.search import Round
 from simtune.vision.keypoints import Keypoints, find_keypoints
@@ -359,8 +359,9 @@ def test_agents_on_pixels_alone_can_be_trained(agent, tmp_path, quick):
 @pytest.mark.thorough
 def test_training_ranges_are_those_asked_for(tmp_path, quick):
     def training(**changes) -> Training:
-        usual = dataclasses.replace(quick, search=None)
-        experiment = build_training(config_of(tmp_path, **changes), settings=usual)
+        search = None if changes["method"] == "regression" else quick.search
+        settings = dataclasses.replace(quick, search=search)
+        experiment = build_training(config_of(tmp_path, **changes), settings=settings)
         run = SimpleNamespace(estimate=unsure(experiment.search.distribution, "weak"))
         training = Training(experiment, run=run)
         training.num_filmings = 1
@@ -389,8 +390,10 @@ def test_training_ranges_are_those_asked_for(tmp_path, quick):
 
 
 @pytest.mark.thorough
-def test_scored_episodes_start_elsewhere_than_all_others(tmp_path):
+def test_scored_episodes_start_elsewhere_than_all_others(tmp_path, monkeypatch):
     """Every episode begins elsewhere: looked at, tried out, scored."""
+    short = dataclasses.replace(load_task("ball_in_cup"), episode_steps=STEPS)
+    monkeypatch.setitem(TASKS, "ball_in_cup", lambda: short)
     config = config_of(tmp_path, task="ball_in_cup", method="oracle")
     experiment = build_training(config)
     scored = []
@@ -645,7 +648,7 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     monkeypatch.setattr(RealityGap, "simulator", drawn)
     out = tmp_path / "run"
     settings = dataclasses.replace(quick, search=dataclasses.replace(quick.search, num_rounds=1))
-    train(config_of(out, real_gap=True), settings=settings)
+    train(config_of(out, real_gap=True, real_episodes=1), settings=settings)
     stored = read_json(out / "config.json")
     stored["config"] |= {"real": "xarm", "robot": "gone.toml", "truth": None, "real_gap": False}
     del stored["config"]["drop_far"]  # as if the run's version had not had it
@@ -662,7 +665,7 @@ def test_a_training_of_a_robot_is_loaded_without_asking_the_robot(tmp_path, quic
     with monkeypatch.context() as patch:
         patch.setattr(TrainingExperiment, "declared_late_steps", 1.0)  # by the camera's latency_s
         later = load_trained(out, settings=settings)
-    assert later.late_steps == min(max(0, round(late + 1)), later.learnt_in.most_late)
+    assert later.late_steps == min(max(0, round(late + 1)), later.learnt_in.max_delay_steps)
     with pytest.raises(InputError, match="is of the real world, where no return is known"):
         evaluate(EvaluateConfig(run_folder=out), settings=settings)
     (tmp_path / "world.json").write_text("{}")

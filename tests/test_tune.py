@@ -343,10 +343,11 @@ def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
 def test_a_run_that_is_as_precise_as_asked_stops_and_says_so(tmp_path, quick):
     search = dataclasses.replace(quick.search, precision=1e9, num_rounds=4)
     settings = dataclasses.replace(quick, search=search)
-    result = tune(config_of(tmp_path / "run"), settings=settings)
+    config = config_of(tmp_path / "run", real_episodes=1)
+    result = tune(config, settings=settings)
     assert result["stopped"] == "every parameter is known to 1e+11 %"
     assert len(rounds_of(tmp_path / "run")) == 1
-    again = tune(config_of(tmp_path / "run"), settings=settings)
+    again = tune(config, settings=settings)
     assert again["stopped"] == result["stopped"]
     assert len(rounds_of(tmp_path / "run")) == 1
 
@@ -364,8 +365,9 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
         now_s[0] += 12.0  # that measuring takes
         return TimeNeeded(100.0, 300.0, mostly="Simulating takes 90 % of that")
 
-    now_s = [0.0]
+    now_s, built = [0.0], build_experiment(config_of(tmp_path / "run"), settings=quick)
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr(tuning_run, "build_experiment", lambda *_: built)
     monkeypatch.setattr(PosteriorSearch, "measure_time", measure)
     monkeypatch.setattr(PosteriorSearch, "run_round", begin)
     # Less than 12 s, 0.6 of the smallest round and 6 s for the report is refused; what is named
@@ -387,9 +389,10 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
             assert (note in caplog.text) == (budget == minutes)
 
 
+@pytest.mark.parametrize("loading_s", [0, 20])
 @pytest.mark.parametrize(("real", "counted_s"), [("lerobot", 0), ("pseudo", 300), ("film", 300)])
-def test_what_a_robot_takes_to_film_is_no_part_of_the_budget(
-    real, counted_s, tmp_path, monkeypatch
+def test_what_libraries_take_to_load_but_no_robot_to_film_is_part_of_the_budget(
+    real, counted_s, loading_s, tmp_path, monkeypatch
 ):
     def build(*_) -> SimpleNamespace:
         now_s[0] += 300.0  # to film, or to read recordings
@@ -400,8 +403,9 @@ def test_what_a_robot_takes_to_film_is_no_part_of_the_budget(
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])
     monkeypatch.setattr(tuning_run, "build_experiment", build)
     config = config_of(tmp_path / "run", real=real, budget_minutes=0.1)
-    with pytest.raises(InputError, match=f"about {counted_s + at_the_end_s:.0f} s beside"):
-        tune(config)
+    beside_s = loading_s + counted_s + at_the_end_s
+    with pytest.raises(InputError, match=f"about {beside_s:.0f} s beside"):
+        tune(config, loading_s=loading_s)
 
 
 def test_a_time_too_short_for_a_search_that_cannot_tell_names_no_round():

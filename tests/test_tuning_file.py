@@ -505,6 +505,17 @@ def test_recordings_may_start_wherever_joints_go(load):
     np.testing.assert_array_equal(batch.ctrl, np.tile([0.3, 0, 0.5], (400, 1)))
 
 
+@pytest.mark.parametrize("are_off", [False, True])
+def test_tied_joints_start_as_the_model_has_them_unless_no_tie_acts(folder, load, are_off):
+    tie = '<equality><joint joint1="elbow" joint2="shoulder"/>'
+    scene = SCENE.replace("<equality>", tie)
+    if are_off:
+        scene = scene.replace("  <asset>", '<option><flag equality="disable"/></option><asset>', 1)
+    (folder / "scene.xml").write_text(scene)
+    batch = starts(load(HEAD + MASS), 5)
+    assert [np.ptp(batch.qpos[:, joint]) > 0.1 for joint in (0, 1)] == [are_off, are_off]
+
+
 def test_starts_have_no_new_contacts(load):
     task = load(HEAD + MASS)
     batch = starts(task)

@@ -221,7 +221,7 @@ def test_what_is_said_of_a_turned_film():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("flipped", [False, True])
+@pytest.mark.parametrize("flipped", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_command_warns_of_a_film_that_is_turned(tmp_path, flipped, small_library):
     task = write_task(tmp_path)
     scene = Scene(task)

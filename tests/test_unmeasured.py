@@ -9,7 +9,7 @@ import pytest
 
 from simtune.budget import Budget
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
-from simtune.fit.readings.differences import _unless_exploded
+from simtune.fit.readings.differences import DifferencePoint, _unless_exploded, differentiate
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.unmeasured import bases
 from simtune.real.observed import observed
@@ -208,7 +208,26 @@ def test_bases_are_what_carries_measured_joints_and_is_not_measured():
 def test_a_stretch_that_explodes_has_no_derivative():
     changes = np.zeros((2, 3, 4, 1))
     changes[0, 1, 2], changes[1, 2, 3], changes[1, 0, 0] = 1e9, np.nan, 3.0
-    kept = _unless_exploded(changes)
+    kept = _unless_exploded(changes, np.full((1, 3, 1, 1), 100.0))
     assert not kept[0].any()
     assert not kept[1, 2].any()
     assert kept[1, 0, 0] == 3.0
+
+
+def test_a_flywheel_that_turns_far_has_derivatives(tmp_path):
+    """A step of its damping moves it by 600 rad, of 48,000 in all."""
+    scene = """<mujoco><option timestep="0.01" integrator="implicitfast"/><worldbody>
+      <body><joint name="wheel" axis="0 1 0" damping="1e-4" armature="1e-3"/>
+        <geom type="sphere" size=".05" mass=".01"/></body></worldbody>
+      <actuator><motor name="motor" joint="wheel"/></actuator></mujoco>"""
+    tune = TUNE[: TUNE.index("initial_state")] + TUNE[TUNE.index("[[sensors]]") :]
+    tune = tune.replace('"arm"', '"wheel"').replace('"kp"', '"damping"').replace("servo", "wheel")
+    loop = loop_of(tmp_path, scene, tune.replace('"gain"', '"damping"'))
+    actions = np.full((1, 1500, 1), 0.1)
+    readings = Readings(actions, np.zeros((1, 1501, 1)))
+    unit = loop.physics.parameters.to_unit(np.array([1e-4]))
+    whole = loop.cut(readings, unit, np.zeros(1))
+    std = np.ones(len(loop.measured.start_tangents))
+    slopes = differentiate(loop, DifferencePoint(whole, whole.states, unit, std))
+    assert np.ptp(slopes.predicted) > 1e4
+    assert np.abs(slopes.by_parameter).max() * 5e-3 > 100

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from late_actuators import delay
 from search_context import CARTPOLE, SIZE, SPACE, START, STEPS, context_of, record_episodes
 
 from simtune.budget import Budget
 from simtune.observation import ObservationModel
-from simtune.parameters import ParameterSpace, delay
+from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import SimulatedWorlds, play_worlds, whole_sets
 from simtune.simulation import Rollouts, Simulator

@@ -1,6 +1,8 @@
 """A posterior search that takes seconds and finds nothing."""
 
-from simtune.fit import FitConfig, ParticleConfig, ShootingConfig, Stage
+from simtune.fit import FitConfig
+from simtune.fit.motion.particles import ParticleConfig
+from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.posterior_net import PosteriorNetConfig
 from simtune.tuning.posterior_config import PosteriorSearchConfig

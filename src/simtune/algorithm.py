@@ -143,7 +143,7 @@ class Training:
         self._report("training the policy", self.run.step / schedule.total_steps)
         worlds = self.distribution_policy.sample(schedule.num_worlds, self.rng)
         is_filmed = agent.wants_frames
-        delay_steps = self.experiment.delay_steps(self._late_steps, self.rng)
+        delay_steps = self.experiment.delay_steps(self._estimated_delay_steps, self.rng)
         explore = partial(agent.explore, replay=replay)
         episodes = learnt_in.play(explore, worlds, self.rng, is_filmed, delay_steps)
         replay.add(episodes)
@@ -174,7 +174,7 @@ class Training:
         return self.experiment.score(truth.for_oracle(), config.scored_episodes, config.seed)
 
     @property
-    def _late_steps(self) -> float | None:
+    def _estimated_delay_steps(self) -> float | None:
         """Estimated delay of actions; None until a search has looked for it.
 
         Late pictures count as late actions: to a policy, both mean that it sees later what it did.

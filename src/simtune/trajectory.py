@@ -14,18 +14,19 @@ def delayed(actions: np.ndarray, steps: int) -> np.ndarray:
     return actions[..., np.maximum(np.arange(actions.shape[-2]) - steps, 0), :]
 
 
-def seen_late(states: np.ndarray, steps: float) -> np.ndarray:
-    """(..., T, S) states, or what is seen of them, in pictures that come `steps` later.
+def seen_late(pixels: np.ndarray, steps: float) -> np.ndarray:
+    """(..., T, D) positions in pictures, in those that come `steps` later.
 
-    Interpolated along straight lines, and clamped to the first and the last one.
+    Interpolated along straight lines, and clamped to the first and the last one. Not for states,
+    whose quaternions do not lie on straight lines: see `fit.states_in_late_pictures`.
     """
     if not steps:
-        return states
-    last = states.shape[-2] - 1
+        return pixels
+    last = pixels.shape[-2] - 1
     at = np.clip(np.arange(last + 1) - steps, 0, last)
     before = np.minimum(at.astype(int), max(last - 1, 0))
     after, share = np.minimum(before + 1, last), (at - before)[:, None]
-    return (1 - share) * states[..., before, :] + share * states[..., after, :]
+    return (1 - share) * pixels[..., before, :] + share * pixels[..., after, :]
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from simtune.tasks import AnyTask
 from simtune.tuning.search import Callbacks, TimeNeeded
 
 log = logging.getLogger(__name__)
-# Time for videos and the report: as long as the start took, within these bounds. A busy machine
-# that films slowly at first does so at the end.
+# Time for videos and the report: as long as the longer half of the start took, to load libraries or
+# to film, within these bounds. A machine that is slow at first is so at the end.
 _AT_THE_END_S = (6.0, 30.0)
 _SURELY = 0.6  # of the measured time, since the machine may have been busy at that moment
 _SHORTENED = "; in --budget-minutes {:g} it is a shortened one, whose intervals may be wider"
@@ -38,19 +38,22 @@ def tune(
     *,
     command: str | None = None,
     task: AnyTask | None = None,
+    loading_s: float = 0.0,
 ) -> dict[str, Any]:
     """Find the parameters of a real world; returns the content of result.json.
 
     An interrupted run resumes after its last round. `command`: what the user typed, to be stored.
-    `task`: the one `config.task` names, if it is loaded already, or no file. Raises InputError for
-    invalid input, with nothing written, and RuntimeError for what fails on the way.
+    `task`: the one `config.task` names, if it is loaded already, or no file. `loading_s`: seconds
+    of the budget that are spent already. Raises InputError for invalid input, with nothing written,
+    and RuntimeError for what fails on the way.
     """
-    started_s = time.monotonic()
+    began_s = time.monotonic()
     experiment = build_experiment(config, report, settings, task)
-    built_s = time.monotonic() - started_s  # for example to film the real world
-    ending_s = min(max(_AT_THE_END_S[0], built_s), _AT_THE_END_S[1])
+    built_s = time.monotonic() - began_s  # for example to film the real world
+    ending_s = min(max(_AT_THE_END_S[0], loading_s, built_s), _AT_THE_END_S[1])
     if config.real in ROBOTS:  # takes its own time to film, which is no part of the budget
-        started_s = time.monotonic()
+        began_s = time.monotonic()
+    started_s = began_s - loading_s
     warnings = experiment.warnings(experiment.recordings)
     _warn(warnings)
     search, real = experiment.search, experiment.recordings

@@ -20,7 +20,7 @@ class AgentSpec:
     num_states: int
     num_positions: int  # the first numbers of the states
     num_actions: int
-    most_late: int = 0  # steps by which actions may be late; states end with as many actions
+    max_delay_steps: int = 0  # steps by which actions may be late; states end with as many actions
     image_noise: ImageNoise | None = None  # of the real camera, absent in simulated pictures
     privileged: np.ndarray  # (N,) bool: parameters that may be used wherever the state may be
     total_steps: int  # of the whole training, for schedules

@@ -67,7 +67,7 @@ class Student(nn.Module):
         )
         num_features = 2 * spec.num_keypoints + spec.num_positions
         # Recent actions may still be to come, and no picture shows them yet.
-        num_seen = spec.num_stacked * num_features + spec.most_late * spec.num_actions
+        num_seen = spec.num_stacked * num_features + spec.max_delay_steps * spec.num_actions
         self.standardized = Standardizer(num_seen, added_std=_ADDED_STD)
         sizes = (num_seen, config.hidden_size, config.hidden_size, spec.num_actions)
         self.head = mlp(sizes, nn.ReLU)
@@ -90,7 +90,7 @@ class Student(nn.Module):
         self._imitate = graphed(self._learn_to_act, self._generator)
 
     def forward(self, detected: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
-        """(B, K, F) recent detections and (B, most_late · A) recent actions to (B, A) actions."""
+        """(B, K, F) recent detections and (B, L) latest actions to (B, A) actions."""
         return self.head(self.standardized(_seen(detected, latest))).tanh()
 
     def standardize_by(self, detected: torch.Tensor, latest: torch.Tensor) -> None:
@@ -98,7 +98,7 @@ class Student(nn.Module):
         self.standardized.fit(_seen(detected, latest))
 
     def act(self, frames: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
-        """Pixels and (n, most_late · A) latest actions to actions.
+        """Pixels and (n, L) latest actions, L = max_delay_steps · A, to actions.
 
         If all stacks continue the last ones, only their newest frames are processed.
         """
@@ -194,7 +194,7 @@ class Student(nn.Module):
 
 
 def _seen(detected: torch.Tensor, latest: torch.Tensor) -> torch.Tensor:
-    """(B, K, F) detections and (B, most_late · A) actions to (B, K · F + most_late · A).
+    """(B, K, F) detections and (B, L) latest actions to (B, K · F + L).
 
     The newest detections and the changes between successive ones. Standardised, these show
     velocities; in detections as such they hardly show, and a head needs far more updates: on a

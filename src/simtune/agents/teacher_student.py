@@ -41,7 +41,7 @@ class TeacherStudent:
         self._privileged = torch.as_tensor(np.flatnonzero(spec.privileged), device=self.device)
         self._schedule = TeachingSchedule.of(config, spec)
         self._num_actions, self._num_positions = spec.num_actions, spec.num_positions
-        self._num_latest = spec.most_late * spec.num_actions
+        self._num_latest = spec.max_delay_steps * spec.num_actions
         self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
         self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         with seeded(spec.seed):
@@ -173,7 +173,7 @@ class TeacherStudent:
         return loss
 
     def _latest_of(self, states: torch.Tensor) -> torch.Tensor:
-        """(..., D) to (..., L): the actions at the end of states, see `AgentSpec.most_late`."""
+        """(..., D) to (..., L): actions at the end of states, see `AgentSpec.max_delay_steps`."""
         return states[..., states.shape[-1] - self._num_latest :]
 
     def _sample(self, replay: Replay, batch_size: int) -> Transitions:

@@ -118,8 +118,6 @@ def _play(
 ) -> Rollouts:
     """A real episode's actions in (n, N) worlds, from (n, S) starts; None: the task's own."""
     actions = np.repeat(real.actions[None].astype(float), len(worlds), axis=0)
-    if starts is None or not isinstance(simulator, Simulator):
-        return simulator.roll_out(worlds, actions, rng, starts=starts, keep_diverged=True)
-    return simulator.play(
-        worlds, lambda t, _: actions[:, t], actions.shape[1], rng, starts=starts, is_beginning=True
+    return simulator.roll_out(
+        worlds, actions, rng, starts=starts, keep_diverged=True, is_beginning=True
     )

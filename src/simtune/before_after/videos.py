@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from simtune.before_after.unexplained import marked, unexplained
+from simtune.fit import states_in_late_pictures
 from simtune.recordings import write_video
-from simtune.simulation import AnySimulator
-from simtune.trajectory import Trajectory, seen_late
+from simtune.simulation import AnySimulator, Simulator
+from simtune.trajectory import Trajectory
 
 _WORTH_A_LOOK = 0.002  # share of pixels that are not explained
 
@@ -63,7 +64,9 @@ def film_from(
     rng = np.random.default_rng(0)  # not used: the start is given
     world, starts = parameters[None], start[None]
     rollouts = simulator.roll_out(world, real.actions[None].astype(float), rng, starts=starts)
-    states = seen_late(rollouts.states[0], late_steps) if len(rollouts) else starts
+    states = rollouts.states[0] if len(rollouts) else starts
+    if isinstance(simulator, Simulator):
+        states = states_in_late_pictures(simulator, states, late_steps)
     worlds = np.repeat(world, len(states), 0)
     drawn, covered = simulator.render(states, worlds), simulator.covers(states, worlds)
     return np.where(covered[..., None], drawn, real.frames[: len(states)])

@@ -1,10 +1,11 @@
 """`simtune check`, top to bottom."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from simtune.checking import sensitive_starts
+from simtune.checking.begins_elsewhere import elsewhere_warnings, out_of_sight
 from simtune.checking.conclusions import CLEAR, conclude
 from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.frictions import unfelt_frictions
@@ -45,11 +46,18 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
         given = _simulated(config, task, size, seen)
     facts |= given.facts
     simulator, actions = given.simulator, given.actions
-    readings = _replayed(given, facts, seen, config.seed, report) if seen.sensors else None
+    readings = None
+    if seen.sensors:
+        readings, facts["assumed"], more = _replayed(given, seen, config.seed, report)
+        facts["warnings"] += more
     sensitivity = analyze(simulator, actions, config.seed, seen, readings, report)
     states = nominal_states(simulator, actions, config.seed)
-    concluded = conclude(task.parameters, sensitivity, unfelt_frictions(simulator, states))
-    warnings = joints_at_limits(simulator, states)
+    hidden = out_of_sight(simulator, config.seed)
+    reasons = unfelt_frictions(simulator, states) | hidden
+    concluded = conclude(task.parameters, sensitivity, reasons)
+    warnings = joints_at_limits(simulator, states) + elsewhere_warnings(
+        simulator, states, hidden, concluded["parameters"], are_recorded=bool(config.real)
+    )
     if seen.cameras:
         verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}
         facts["extents_px"] = extents_px(simulator, states, simulator.views)
@@ -60,31 +68,30 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
     return plain(facts | concluded)
 
 
-def _replayed(
-    given: Given,
-    facts: dict[str, Any],
-    seen: ObservationModel,
-    seed: int,
-    report: ReportProgress,
-) -> ReadingChanges:
-    """What each parameter changes in replayed readings; adds to the `facts`."""
+class _Replayed(NamedTuple):
+    changes: ReadingChanges  # by each parameter
+    assumed: str  # of errors
+    warnings: list[str]
+
+
+def _replayed(given: Given, seen: ObservationModel, seed: int, report: ReportProgress) -> _Replayed:
+    """Replays readings. Raises InputError if none can be replayed."""
     report("replaying readings", 0.5)
     names = [f"episode {number}" for number in range(len(given.actions))]
-    replays = None
+    replays, warnings = None, list[str]()
     if given.read and not given.is_far:  # else all that follows from lengths would mislead
-        names = facts["recordings"]["names"][: len(given.actions)]
+        names = given.facts["recordings"]["names"][: len(given.actions)]
         replays = RecordedReplays(given.simulator, seen, given.read.trajectories, names)
-        facts["warnings"] += replays.start_warnings()
+        warnings += replays.start_warnings()
     try:
-        readings, assumed = reading_changes(given.simulator, seen, given.actions, given.read, seed)
+        changes, assumed = reading_changes(given.simulator, seen, given.actions, given.read, seed)
     except RuntimeError as error:  # what was found before may say why
-        raise InputError("; ".join([*facts["warnings"], str(error)])) from error
-    facts["assumed"] = assumed
+        raise InputError("; ".join([*given.facts["warnings"], *warnings, str(error)])) from error
     if not given.is_far and not (given.read and given.read.misread):
-        much = sensitive_starts.sensitive(readings.growth)
+        much = sensitive_starts.sensitive(changes.growth)
         touching = replays.contacts(much) if replays else None
-        facts["warnings"] += sensitive_starts.warnings(readings.growth, names, touching)
-    return readings
+        warnings += sensitive_starts.warnings(changes.growth, names, touching)
+    return _Replayed(changes, assumed, warnings)
 
 
 def _simulated(config: CheckConfig, task: Task, size: int, seen: ObservationModel) -> Given:

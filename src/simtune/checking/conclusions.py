@@ -8,6 +8,7 @@ import numpy as np
 from simtune.fit.sensitivity import Sensitivity
 from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
+from simtune.tuning.combinations import rounded_weight
 from simtune.tuning.range_update import RangeUpdateConfig
 
 Shows = Literal["shows clearly", "shows weakly", "does not show"]
@@ -141,7 +142,7 @@ def _combination(space: ParameterSpace, sensitivity: Sensitivity, i: int, j: int
     a, b = space.names[i], space.names[j]
     rise_together = sensitivity.correlation[i, j] > 0
     ratio = sensitivity.motion_std[i] / sensitivity.motion_std[j]
-    slope = 1.0 if 0.75 < ratio < 1.33 else float(f"{ratio:.1g}")
+    slope = rounded_weight(float(ratio))
     if space.is_log[i] and space.is_log[j]:
         b = b if slope == 1 else f"{b}^{slope:g}"
         return f"their ratio, {a} / {b}" if rise_together else f"their product, {a} × {b}"

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.checking.begins_elsewhere import elsewhere_warnings, out_of_sight
 from simtune.checking.conclusions import conclude
 from simtune.checking.frictions import unfelt_frictions
 from simtune.checking.nominal import nominal_states
@@ -33,7 +34,7 @@ def expected_precision(
     seed: int,
     names: Sequence[str] = (),
 ) -> ExpectedPrecision:
-    """Of episodes with these names, which warnings give.
+    """Of episodes with these names, which warnings give; without names they are simulated.
 
     Nothing without a MuJoCo model; no parameters if all nominal worlds diverge.
     """
@@ -51,7 +52,9 @@ def expected_precision(
         sensitivity = analyze(simulator, actions, seed, seen, readings)
     except RuntimeError:  # every episode diverged
         return ExpectedPrecision({}, warnings)
-    reasons = unfelt_frictions(simulator, nominal_states(simulator, actions, seed))
+    states, hidden = nominal_states(simulator, actions, seed), out_of_sight(simulator, seed)
+    reasons = unfelt_frictions(simulator, states) | hidden
     said = conclude(simulator.space, sensitivity, reasons)["parameters"]
+    warnings += elsewhere_warnings(simulator, states, hidden, said, are_recorded=bool(names))
     kept = plain({name: {k: p[k] for k in _KEPT if k in p} for name, p in said.items()})
     return ExpectedPrecision(kept, warnings)

@@ -31,7 +31,7 @@ def extents_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) 
     found: dict[str, float] = {}
     for (body, _), pixels in corners_px(simulator, some, views).items():
         name = part_name(simulator.model, body)
-        found[name] = max(found.get(name, 0.0), float(np.median(_across(pixels))))
+        found[name] = max(found.get(name, 0.0), float(np.median(across(pixels))))
     return found
 
 
@@ -127,7 +127,7 @@ def _corners_of_parts(model: mujoco.MjModel, views: Sequence[View], image_size: 
     return replace(candidates, geoms=geoms, offsets=offsets, views=views)
 
 
-def _across(pixels: np.ndarray) -> np.ndarray:
+def across(pixels: np.ndarray) -> np.ndarray:
     """(n,) extent of (n, L, 2) points along their shortest principal axis."""
     away = pixels - pixels.mean(1, keepdims=True)
     _, axes = np.linalg.eigh(np.einsum("nli,nlj->nij", away, away))

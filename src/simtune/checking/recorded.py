@@ -14,6 +14,7 @@ from simtune.checking.recording_warnings import refuse_if_all_short, warnings
 from simtune.checking.servos.lengths import far_beyond_model
 from simtune.checking.servos.picture import draw_servos
 from simtune.checking.starts import far_starts
+from simtune.columns import cut
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel, joints_of
@@ -106,7 +107,7 @@ def look_through(
         film += [frames] * (episode < num_looked_at)
     if faults:
         first, *others = faults
-        more = ", ".join(others[:_MOST_NAMED]) + ", ..." * (len(others) > _MOST_NAMED)
+        more = cut(others, _MOST_NAMED)
         also = f"; {len(others)} more of {dataset.num_episodes} are unsound: {more}"
         raise InputError(faults[first] + also * bool(others))
     return actions, np.stack(film) if film else np.empty((0, 0, 0, 0, 3), np.uint8)

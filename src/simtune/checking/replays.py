@@ -12,7 +12,7 @@ from simtune.fit.sensitivity import where_analyzed
 from simtune.observation import ObservationModel
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.readings_warnings import unseen_warning
+from simtune.tuning.readings.warnings import unseen_warning
 
 
 class RecordedReplays:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from simtune.checking.servos.doubt import Doubt, grouped
-from simtune.observation import JointSensor, columns_of
+from simtune.observation import JointSensor, by_column
 from simtune.simulation import Simulator
 
 _STARTS = 64  # drawn
@@ -28,7 +28,7 @@ def far_starts(
     begun = simulator.begin(worlds, np.random.default_rng((seed, 6))).states[:, 0]
     positions = simulator.state_space.positions_and_velocities(begun)
     found = []
-    for (sensor, column), its in zip(columns_of(sensors), np.moveaxis(values, -1, 0), strict=True):
+    for sensor, column, its in by_column(sensors, values):
         read, joint = its[:, 0][np.isfinite(its[:, 0])], model.joint(sensor.joints[column])
         if sensor.is_velocity or not len(read):
             continue

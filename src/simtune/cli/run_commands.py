@@ -2,6 +2,7 @@
 
 import shlex
 import sys
+import time
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,12 +30,15 @@ _NO_RECORDINGS = (
 
 def tune(config: TuneConfig, print_line: PrintLine, typed: Sequence[str]) -> CommandResult:
     from simtune.progress import ProgressBar
-    from simtune.tuning_run import tune
 
     if not any(word.partition("=")[0] == "--real" for word in typed):
         print(_NO_RECORDINGS, file=sys.stderr, flush=True)
+    began_s = time.monotonic()
     with ProgressBar(60 * config.budget_minutes) as progress:
-        result = tune(config, progress, command=_command(typed))
+        from simtune.tuning_run import tune  # and torch: up to 20 s on a busy machine
+
+        loading_s = time.monotonic() - began_s
+        result = tune(config, progress, command=_command(typed), loading_s=loading_s)
     return _print_result(result, config.out, print_line)
 
 

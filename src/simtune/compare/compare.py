@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, ndtr, ndtri
 
+from simtune.columns import cut
 from simtune.compare.estimates import in_common, read_estimates
 from simtune.config import CompareConfig
 from simtune.report.data import RunData
@@ -109,8 +110,8 @@ def _notes(runs: list[RunData], names: list[str]) -> list[str]:
             )
     for i, run in enumerate(runs):
         if unknown := [name for name in names if _is_unknown(run, name)]:
-            of_them = ", ".join(unknown[:_MOST_NAMED]) + ", ..." * (len(unknown) > _MOST_NAMED)
-            notes.append(f"run {i + 1} does not tell {of_them}: that it agrees there says nothing")
+            of_them = f"run {i + 1} does not tell {cut(unknown, _MOST_NAMED)}"
+            notes.append(f"{of_them}: that it agrees there says nothing")
     if any(a.config.get("task_content") != b.config.get("task_content") for a, b in pairwise(runs)):
         notes.append("the model or the tuning file is not the same in all runs")
     return notes

@@ -32,8 +32,8 @@ class TuneConfig(Prints, PictureOptions, RealConfig):
     """posterior: by survival curves; paper: by small steps up or down; regression: the paper's
     baseline."""
     budget_minutes: float = 8.0
-    """Maximum wall time, give or take seconds; the run ends earlier if the precision is reached.
-    What a robot takes to film is not counted."""
+    """Maximum wall time from start to report, give or take seconds; the run ends earlier if the
+    precision is reached. What a robot takes to film is not counted."""
     precision: str = "1%"
     """A percentage: stop once half of every 90 % interval is at most this share of the estimate. 0%
     uses all of the time."""

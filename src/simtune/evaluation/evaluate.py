@@ -74,7 +74,8 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
     if run_config["real"] != "pseudo":
         found = Estimate.from_json(state["estimate"])
         late = round(found.late_steps(trained.real.step_s) + trained.declared_late_steps)
-        trained = replace(trained, found_late=min(max(0, late), trained.learnt_in.most_late))
+        most = trained.learnt_in.max_delay_steps
+        trained = replace(trained, found_delay_steps=min(max(0, late), most))
     if not trained.agent.can_act:
         raise InputError(
             f"{run_folder} has no policy yet, which begins to learn late in a training: go on with "

@@ -9,6 +9,7 @@ import numpy as np
 
 from simtune.before_after.readings import Replayed, Tuned, replay
 from simtune.checking.replayed_contacts import in_words, touching
+from simtune.columns import cut
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.observation import assumed_noise, finds_offset, joints_of
@@ -20,6 +21,7 @@ from simtune.tasks import Task, with_model
 from simtune.trajectory import Trajectory
 
 _SMALLEST_PX = 1  # nothing is drawn
+_MOST_NAMED = 5  # readings
 _KEPT = "unit", "rms_before", "rms"  # of what a replay's scores say
 _FAR = 10.0  # times what a run leaves of its own recordings, or the sensor's noise
 
@@ -40,10 +42,10 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     real = _open(run, task, recordings)
     trajectories = real.collect(num_episodes or real.num_episodes)
     replayed = _replay(run, task, real, trajectories)
-    if not np.isfinite(replayed.after).any((0, 1)).all():
+    if early := only_early(replayed):
         raise InputError(
-            f"{recordings}: every episode is shorter than the delay that the run found; give "
-            "longer ones"
+            f"{recordings}: no reading of {cut(early, _MOST_NAMED)} is later than the delay that "
+            "the run found; expected some: give longer episodes, or such as have later readings"
         )
     less_left, scores = better_in(replayed), replayed.scores()
     sensors = {
@@ -93,6 +95,12 @@ def _replay(
     simulator = task.simulator(image_size=_SMALLEST_PX, step_s=real.step_s, views=())
     tuned = Tuned(mean, offsets, *_late(run, real.step_s))
     return replay(simulator, real.observation, trajectories, start, tuned)
+
+
+def only_early(replayed: Replayed) -> list[str]:
+    """Readings that never come after a replay has begun."""
+    compared = np.isfinite(replayed.after - replayed.measured)
+    return [name for i, name in enumerate(replayed.labels) if not compared[..., i].any()]
 
 
 def far_off(sensors: Mapping[str, Mapping[str, Any]], noise: Mapping[str, float]) -> list[str]:

@@ -29,7 +29,7 @@ from simtune.tasks import (
 )
 from simtune.trajectory import Trajectory
 from simtune.tuning import make_search
-from simtune.tuning.readings import ReadingsConfig, ReadingsSearch
+from simtune.tuning.readings.search import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import Search
 
 

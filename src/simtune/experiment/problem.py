@@ -88,6 +88,7 @@ def build_problem(
     run_config, seen = outcome.run_config(config, task, start, real.facts, truth), real.observation
     state = trained or stored_state(config.out, run_config)  # of the run that resumes there
     simulator = _simulator_like(real, recordings, task, image_size, tunes, device)
+    _check_shapes(recordings, simulator)
     context = SearchContext(
         simulator=simulator,
         keypoints=keypoints_of_run(simulator, task, config.seed, state, seen if tunes else None),
@@ -106,6 +107,17 @@ def build_problem(
         truth=truth,
         context=context,
     )
+
+
+def _check_shapes(recordings: list[Trajectory], simulator: AnySimulator) -> None:
+    """Raises InputError for pictures of another shape than the simulator's."""
+    height, width = simulator.shape
+    for its_height, its_width in [t.frames.shape[1:3] for t in recordings if t.has_pictures]:
+        if (its_height, its_width) != (height, width):  # else known after minutes of training
+            raise InputError(
+                f"the real pictures come as {its_width}×{its_height}, and the simulator draws "
+                f"{width}×{height}: crop the recordings to what its camera shows"
+            )
 
 
 def _real_world(

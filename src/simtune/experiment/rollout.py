@@ -38,20 +38,20 @@ class PolicyWorlds:
         keypoints: Keypoints | None = None,
         *,
         gap: RealityGap | None = None,
-        most_late: int = 0,
+        max_delay_steps: int = 0,
         observation: ObservationModel | None = None,
     ):
         """`keypoints`: stored with filmed episodes, in pixels. Raises ValueError without a reward.
 
-        With a `gap` a policy sees what its camera delivers. `most_late`: steps by which actions may
-        be late; as many latest ones belong to the state, since they are still to come.
+        With a `gap` a policy sees what its camera delivers. `max_delay_steps`: steps by which
+        actions may be late; as many latest ones belong to the state, since they are still to come.
         `observation`: of the real world that policies are for, whose rooms may have stray light.
         """
         if task.reward is None:
             raise ValueError(f"{task.name} has no reward, so no policy can be trained in it")
         self.task, self.simulator, self._reward = task, simulator, task.reward
         self.num_stacked, self.keypoints = num_stacked, keypoints
-        self.gap, self.most_late, self._observation = gap, most_late, observation
+        self.gap, self.max_delay_steps, self._observation = gap, max_delay_steps, observation
         self._space, joint = simulator.state_space, simulator.model.joint
         self._lowest_reward = 0.0  # of any live step that counts, or 0
         self._free = [joint(name).qposadr[0] for name in task.free_joints]
@@ -62,12 +62,12 @@ class PolicyWorlds:
     def num_states(self) -> int:
         """D, the length of an `Observation`'s state: F features, and actions still under way."""
         own = len(self._space.features(np.zeros(self._space.nq + self._space.nv)))
-        return own + self.most_late * self.simulator.num_actions
+        return own + self.max_delay_steps * self.simulator.num_actions
 
     @property
     def num_positions(self) -> int:
         """Number of positions, which come first; velocities follow, then actions."""
-        late = self.most_late * self.simulator.num_actions
+        late = self.max_delay_steps * self.simulator.num_actions
         return self.num_states - late - self._space.nv
 
     def observe(self, full_states: np.ndarray) -> np.ndarray:
@@ -147,9 +147,9 @@ class PolicyWorlds:
         return FrameStacker(simulator, parameters, *size, camera, stray), stray
 
     def _latest(self, actions: np.ndarray, t: int) -> np.ndarray:
-        """(n, most_late · A): those of (n, T, A) actions before step t, the newest first."""
-        latest = np.zeros((len(actions), self.most_late, actions.shape[2]), np.float32)
-        known = min(t, self.most_late)
+        """(n, max_delay_steps · A): those of (n, T, A) actions before step t, the newest first."""
+        latest = np.zeros((len(actions), self.max_delay_steps, actions.shape[2]), np.float32)
+        known = min(t, self.max_delay_steps)
         latest[:, :known] = actions[:, t - known : t][:, ::-1]
         return latest.reshape(len(actions), -1)
 

@@ -101,7 +101,7 @@ class Run:
         self.estimate = found.estimate
         self.num_rounds += 1
         for event in found.events:
-            self.folder.logs.log_event(self.step, self.wall_s, **asdict(event))
+            self.folder.logs.log_event(self.step, self.wall_s, asdict(event))
         estimates = outcome.scalars(self.experiment.search, found.estimate)
         self.log(num_real, {"round": self.num_rounds} | estimates | found.metrics)
 

@@ -43,13 +43,13 @@ class TrainingExperiment(Experiment):
     agent: Agent
     replay: Replay
     # Steps by which actions are late in the real world that a loaded policy was trained for
-    found_late: int = 0
+    found_delay_steps: int = 0
 
     @property
     def late_steps(self) -> int:
         """Steps by which actions are late where the policy is scored."""
         gap = self.scored_in.gap
-        return gap.delay_steps if gap else self.found_late
+        return gap.delay_steps if gap else self.found_delay_steps
 
     def score(
         self, world: np.ndarray, num_episodes: int, seed: int
@@ -94,7 +94,8 @@ class TrainingExperiment(Experiment):
             any_number = int(rng.integers(unknown + 1))
             late += any_number if estimated is None else estimated
         whole, part = divmod(max(0.0, late), 1)
-        return min(int(whole) + int(part > 0 and rng.random() < part), self.learnt_in.most_late)
+        steps = int(whole) + int(part > 0 and rng.random() < part)
+        return min(steps, self.learnt_in.max_delay_steps)
 
     def policy_warnings(self, num_skipped: int) -> list[str]:
         """Possible problems of the policy, which was too late for `num_skipped` real trials."""

@@ -15,7 +15,7 @@ from simtune.replay import Replay
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 from simtune.tuning import FixedRange
-from simtune.tuning.readings_fits import most_delayed
+from simtune.tuning.readings.descents import most_latency_steps
 from simtune.vision.keypoints import Keypoints
 
 _ROUNDED = 1e-6  # steps
@@ -27,24 +27,24 @@ def policy_worlds_of(
     """Where the policy learns, and where it is scored: with the reality gap, if there is one."""
     assert isinstance(problem.simulator, Simulator), "load_task gives models' only"
     assert isinstance(problem.keypoints, Keypoints)
-    most_late, seen = _most_late(problem), problem.real.observation
+    most, seen = _max_delay_steps(problem), problem.real.observation
     learnt_in = PolicyWorlds(
         task,
         problem.simulator,
         schedule.num_stacked,
         problem.keypoints,
-        most_late=most_late,
+        max_delay_steps=most,
         observation=seen,
     )
     gap = RealityGap.of(config, schedule.image_size)
     if not gap:
         return learnt_in, learnt_in
     simulator = gap.simulator(task, seen.views())
-    scored_in = PolicyWorlds(task, simulator, schedule.num_stacked, gap=gap, most_late=most_late)
+    scored_in = PolicyWorlds(task, simulator, schedule.num_stacked, gap=gap, max_delay_steps=most)
     return learnt_in, scored_in
 
 
-def _most_late(problem: TuningProblem) -> int:
+def _max_delay_steps(problem: TuningProblem) -> int:
     """Steps by which actions may be late: by a parameter, or as a search may find them to be.
 
     And by what a camera declares.
@@ -54,7 +54,7 @@ def _most_late(problem: TuningProblem) -> int:
     if space.is_delay.any():
         return declared + math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
     unknown = seen.unknown_latency_steps(problem.simulator)
-    by_readings = most_delayed(step_s) if unknown and seen.sensors else 0
+    by_readings = most_latency_steps(step_s) if unknown and seen.sensors else 0
     return declared + by_readings + unknown
 
 
@@ -94,7 +94,7 @@ def agent_of(
         num_states=learnt_in.num_states,
         num_positions=learnt_in.num_positions,
         num_actions=learnt_in.simulator.num_actions,
-        most_late=learnt_in.most_late,
+        max_delay_steps=learnt_in.max_delay_steps,
         image_noise=problem.real.observation.image_noise,
         privileged=~learnt_in.task.parameters.is_appearance,
         total_steps=schedule.total_steps,

@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -89,6 +90,7 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     return file.getvalue()
 
 
+@cache  # it keeps templates compiled
 def _environment() -> Environment:
     loaders = [PackageLoader("simtune.figures"), PackageLoader("simtune.report")]
     environment = Environment(

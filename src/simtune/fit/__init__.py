@@ -23,8 +23,6 @@ from simtune.fit.fit_warnings import (
 )
 from simtune.fit.lateness import Lateness, states_in_late_pictures
 from simtune.fit.motion.estimator import StateEstimator
-from simtune.fit.motion.particles import ParticleConfig
-from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.pictures.response import Photometry
@@ -40,7 +38,7 @@ from simtune.fit.readings.stretches import Readings
 from simtune.fit.readings.whole_episodes import replay_whole
 from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, PointEstimate
-from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps, fit_to_budget
+from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps
 from simtune.fit.split import Split
 
 __all__ = [
@@ -59,7 +57,6 @@ __all__ = [
     "OpenLoopReplay",
     "OutputErrorFit",
     "OutputErrorMethod",
-    "ParticleConfig",
     "Photometry",
     "Physics",
     "PointEstimate",
@@ -67,9 +64,7 @@ __all__ = [
     "Refits",
     "ReplayFit",
     "ReplayStage",
-    "ShootingConfig",
     "Split",
-    "Stage",
     "StateEstimator",
     "bound_warnings",
     "calibrated",
@@ -77,7 +72,6 @@ __all__ = [
     "count_fit_steps",
     "delay_warnings",
     "elsewhere_warning",
-    "fit_to_budget",
     "has_comparison",
     "held_out_misfit",
     "is_motion_unexplained",

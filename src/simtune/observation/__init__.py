@@ -5,12 +5,13 @@ simulator's own, how late actions may take effect and how large the discrepancy 
 `Evidence` of each sensor for residuals and likelihoods, and does not know any particular sensor.
 """
 
-from simtune.observation.evidence import AllEvidence, Evidence
+from simtune.observation.evidence import AllEvidence
 from simtune.observation.joint_readings import JointReadings
 from simtune.observation.joints import (
     JointSensor,
     advanced,
     assumed_noise,
+    by_column,
     columns_of,
     declared_noise,
     finds_offset,
@@ -18,19 +19,18 @@ from simtune.observation.joints import (
     measured_places,
     units_of,
 )
-from simtune.observation.model import Camera, ObservationModel
+from simtune.observation.model import ObservationModel
 from simtune.observation.sensor import Sensor
 
 __all__ = [
     "AllEvidence",
-    "Camera",
-    "Evidence",
     "JointReadings",
     "JointSensor",
     "ObservationModel",
     "Sensor",
     "advanced",
     "assumed_noise",
+    "by_column",
     "columns_of",
     "declared_noise",
     "finds_offset",

@@ -1,6 +1,6 @@
 """Encoders: positions or velocities of joints, in the units in which they were recorded."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -149,6 +149,14 @@ def joints_of(sensors: Iterable[object]) -> tuple[JointSensor, ...]:
 def columns_of(sensors: Sequence[JointSensor]) -> list[tuple[JointSensor, int]]:
     """(D,) of all readings side by side: the sensor, and the column among its own."""
     return [(sensor, column) for sensor in sensors for column in range(len(sensor.joints))]
+
+
+def by_column(
+    sensors: Sequence[JointSensor], values: np.ndarray
+) -> Iterator[tuple[JointSensor, int, np.ndarray]]:
+    """As `columns_of`, with the (E, T + 1) readings of (E, T + 1, D) in each column."""
+    for (sensor, column), its in zip(columns_of(sensors), np.moveaxis(values, -1, 0), strict=True):
+        yield sensor, column, its
 
 
 def units_of(sensors: Sequence[JointSensor]) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """What is tuned: parameters by name, their space, and how they are written into models."""
 
-from simtune.parameters.declare import camera_pose, colour, delay, dynamics, field_of_view
+from simtune.parameters.declare import camera_pose, colour, dynamics, field_of_view
 from simtune.parameters.field_index import rows_of
 from simtune.parameters.fields import field_of
 from simtune.parameters.model_writer import ModelWriter
@@ -13,7 +13,6 @@ __all__ = [
     "ParameterSpace",
     "camera_pose",
     "colour",
-    "delay",
     "dynamics",
     "field_of",
     "field_of_view",

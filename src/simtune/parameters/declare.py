@@ -41,14 +41,6 @@ def dynamics(
     )
 
 
-def delay(name: str, actuators: tuple[str, ...], high_s: float) -> Parameter:
-    """Delay of the actuators behind their controls: 0 to `high_s` seconds, nominally 0.
-
-    A delay between 0 and one physics step acts as one step.
-    """
-    return _linear(name, "actuator_delay", actuators, 0.0, (0.0, high_s))
-
-
 def camera_pose(
     name: str,
     camera: str,

@@ -5,7 +5,7 @@ from simtune.recordings.episode_arrays import check_episode, in_words
 from simtune.recordings.lerobot import write_dataset
 from simtune.recordings.open import open_dataset
 from simtune.recordings.turning import Turning
-from simtune.recordings.video import decode, frames_at, probe
+from simtune.recordings.video import decode
 from simtune.recordings.video_writer import write_video
 
 __all__ = [
@@ -13,10 +13,8 @@ __all__ = [
     "Turning",
     "check_episode",
     "decode",
-    "frames_at",
     "in_words",
     "open_dataset",
-    "probe",
     "write_dataset",
     "write_video",
 ]

@@ -132,6 +132,7 @@ class Dataset:
     def facts(self, num_episodes: int) -> dict[str, Any]:
         """Facts on the first episodes, which must have been read or skimmed; JSON."""
         seen = [self._seen[episode] for episode in range(num_episodes)]
+        named = list(zip(self.episodes, seen, strict=False))
         return {
             "folder": self.where,
             "kind": self._source.kind,
@@ -142,21 +143,13 @@ class Dataset:
             "control_hz": 1 / self.step_s,
             "action_names": list(self.action_names),
             "action_ranges": action_ranges(seen, self.action_names),
-            "gaps": {
-                name: [list(gap) for gap in its.gaps_s]
-                for name, its in zip(self.episodes, seen, strict=False)
-                if its.gaps_s
-            },
+            "gaps": {name: [list(gap) for gap in its.gaps_s] for name, its in named if its.gaps_s},
             "unused_s": {
                 name: [its.unused_s, its.num_steps * self.step_s]
-                for name, its in zip(self.episodes, seen, strict=False)
+                for name, its in named
                 if its.unused_s
             },
-            "unfilmed": {
-                name: its.unfilmed
-                for name, its in zip(self.episodes, seen, strict=False)
-                if its.unfilmed
-            },
+            "unfilmed": {name: its.unfilmed for name, its in named if its.unfilmed},
             "readings": {
                 sensor: [reading.full_name for reading in readings]
                 for sensor, readings in self._sensors.items()

@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol, TypeGuard
 
 import numpy as np
 
+from simtune.columns import cut
 from simtune.errors import InputError, UnknownName
 
 
@@ -125,9 +126,8 @@ def natural(name: str) -> list[tuple[int, str]]:
 
 
 def short(names: Sequence[str]) -> str:
-    """The names, or the first few."""
-    names = names if len(names) <= _MOST_NAMES else [*names[:_MOST_NAMES], "..."]
-    return ", ".join(name if name.isprintable() else repr(name) for name in names)
+    """The names, or the first few; what is not printable is escaped."""
+    return cut([name if name.isprintable() else repr(name) for name in names], _MOST_NAMES)
 
 
 def kept_episodes(where: Path, episodes: Sequence[str], leave_out: Sequence[str]) -> Sequence[int]:

@@ -3,6 +3,7 @@
 import base64
 import json
 from datetime import UTC, datetime
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -64,6 +65,7 @@ def _page(run: RunData) -> str:
     )
 
 
+@cache  # it keeps templates compiled, which takes longer than to fill them
 def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("simtune.report"),

@@ -39,22 +39,9 @@ class RunLogs:
         writer.add_scalar("real_episodes", real_episodes, step)
         writer.flush()
 
-    def log_event(
-        self,
-        step: int,
-        wall_s: float,
-        event: str,
-        parameter: str,
-        low: float,
-        high: float,
-        reason: str,
-    ) -> None:
-        """Append a line to events.jsonl: `parameter`'s range is now [low, high] because `reason`.
-
-        `event` is "widened", "narrowed" or, if the mean has reached a bound, "moved".
-        """
-        line = {"step": step, "wall_s": wall_s, "event": event, "parameter": parameter}
-        self._append(_EVENTS, {**line, "low": low, "high": high, "reason": reason})
+    def log_event(self, step: int, wall_s: float, event: Mapping[str, Any]) -> None:
+        """Append a line to events.jsonl: a `tuning.search.Event`, as a dict."""
+        self._append(_EVENTS, {"step": step, "wall_s": wall_s, **event})
 
     def sync(self) -> None:
         """Force the lines onto the disk."""

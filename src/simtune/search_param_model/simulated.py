@@ -155,15 +155,8 @@ def _roll_out(
         return simulator.roll_out(parameters, actions, rng, observe)
     starts = simulator.begin(parameters, rng).states[:, 0]
     strewn = scattered(simulator.state_space, starts, loose, _STREWN, rng)
-    return simulator.play(
-        parameters,
-        lambda t, _: actions[:, t],
-        actions.shape[1],
-        rng,
-        starts=np.where(rng.random((len(starts), 1)) < 0.5, strewn, starts),
-        observe=observe,
-        is_beginning=True,
-    ).finished()
+    starts = np.where(rng.random((len(starts), 1)) < 0.5, strewn, starts)
+    return simulator.roll_out(parameters, actions, rng, observe, starts, is_beginning=True)
 
 
 def whole_sets(index: np.ndarray, episodes: int) -> np.ndarray:

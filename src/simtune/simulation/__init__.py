@@ -57,12 +57,11 @@ from simtune.simulation.rendering.opengl_quality import (
     OPENGL_FAST,
     OpenGLQuality,
 )
-from simtune.simulation.rendering.renderer import Renderer, RendererName, make_renderer
+from simtune.simulation.rendering.renderer import RendererName
 from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.scene import Drawing, Scene, Script
 from simtune.simulation.simulator import Simulator
 from simtune.simulation.states import StateSpace
-from simtune.simulation.worlds import Worlds
 
 __all__ = [
     "OPENGL_DM_CONTROL",
@@ -81,7 +80,6 @@ __all__ = [
     "OpenGLQuality",
     "PixelPolicy",
     "Points",
-    "Renderer",
     "RendererName",
     "Rollouts",
     "ScaledActions",
@@ -90,10 +88,8 @@ __all__ = [
     "Simulator",
     "StateSpace",
     "StrayLight",
-    "Worlds",
     "acting_late",
     "count_substeps",
-    "make_renderer",
     "on_pictures",
     "prepare_spec",
     "random_actions",

@@ -77,10 +77,12 @@ class AnySimulator(ABC):
         *,
         starts: np.ndarray | None = None,
         observe: Observe | None = None,
+        is_beginning: bool | None = None,
     ) -> Rollouts:
         """Act in n worlds of (n, N) parameters, each from its own start; returns all of them.
 
-        `starts`, (n, S), are states to start from instead. `observe` is called in every state.
+        `starts`, (n, S), are states to start from instead; `is_beginning`: whether episodes begin
+        there, by default not. `observe` is called in every state.
         """
 
     @abstractmethod
@@ -125,6 +127,7 @@ class AnySimulator(ABC):
         observe: Observe | None = None,
         starts: np.ndarray | None = None,
         keep_diverged: bool = False,
+        is_beginning: bool | None = None,
     ) -> Rollouts:
         """Play (n, T, A) actions in n worlds of (n, N) parameters; see `play`.
 
@@ -138,6 +141,7 @@ class AnySimulator(ABC):
             rng,
             starts=starts,
             observe=observe,
+            is_beginning=is_beginning,
         )
         return rollouts if keep_diverged else rollouts.finished()
 

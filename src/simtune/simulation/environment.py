@@ -13,6 +13,7 @@ Pictures that are not square are cut to their central square.
 """
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,23 @@ from simtune.parameters import ParameterSpace
 from simtune.simulation.actions import ActionSpace
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.rendering.stray_light import StrayLight
+
+_NO_CONTEXT = ("OpenGL", "gladLoadGL")  # in what MuJoCo raises without a display
+
+
+@contextmanager
+def blame_environment(what: str) -> Iterator[None]:
+    """`blame` its code for what fails; says what to do where MuJoCo cannot draw."""
+    try:
+        with blame(what):
+            yield
+    except InputError as error:
+        if not any(word in str(error) for word in _NO_CONTEXT):
+            raise
+        raise InputError(
+            f"{error}; without a display, MuJoCo's OpenGL needs MUJOCO_GL=egl (or osmesa) in the "
+            "shell that starts simtune: the environment's file is read too late to set it"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -106,6 +124,7 @@ class EnvironmentSimulator(AnySimulator):
         *,
         starts: np.ndarray | None = None,
         observe: Observe | None = None,
+        is_beginning: bool | None = None,
     ) -> Rollouts:
         """Act in n worlds of (n, N) parameters, each from its own start; see `Simulator.play`.
 
@@ -158,7 +177,7 @@ class EnvironmentSimulator(AnySimulator):
         """The environment's info on each state in turn, until its time or its end."""
         yield self._begin(seed, world)
         for action in actions.astype(np.float32):
-            with blame("the environment's step() failed"):
+            with blame_environment("the environment's step() failed"):
                 _, _, terminated, _, info = self._env.step(action)
             if terminated:
                 return
@@ -166,13 +185,13 @@ class EnvironmentSimulator(AnySimulator):
 
     def _begin(self, seed: int, world: np.ndarray) -> dict[str, Any]:
         options = {"parameters": dict(zip(self.space.names, world.tolist(), strict=True))}
-        with blame("the environment's reset() failed"):
+        with blame_environment("the environment's reset() failed"):
             _, info = self._env.reset(seed=seed, options=options)
         return info
 
     def _picture(self) -> np.ndarray:
         """The present picture as the environment draws it."""
-        with blame("the environment's render() failed"):
+        with blame_environment("the environment's render() failed"):
             picture = self._env.render()
         if not isinstance(picture, np.ndarray) or picture.ndim != 3 or picture.dtype != np.uint8:
             raise InputError(

@@ -6,6 +6,9 @@ import numpy as np
 from simtune.parameters.fields import FOLLOWS
 
 _AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
+_JOINTS = mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value
+# A servo of speeds reaches most of what it is sent, within most times that a command is held
+_NEARLY, _SOON_S = 0.5, 0.3
 
 
 def position_servos(model: mujoco.MjModel) -> np.ndarray:
@@ -22,17 +25,40 @@ def pulls_to_a_place(model: mujoco.MjModel) -> np.ndarray:
 
 
 def velocity_servos(model: mujoco.MjModel) -> np.ndarray:
-    """(nactuator,) bool: whether a force brings a joint to the speed that the control says."""
+    """(nactuator,) bool: whether a force brings a joint to the speed that the control says.
+
+    Nearly, and soon: not a motor whose voltage is the control, which its own back-EMF brakes.
+    """
+    return _brakes(model) & _is_stiff(model) & np.isin(model.actuator_dyntype, FOLLOWS)
+
+
+def _brakes(model: mujoco.MjModel) -> np.ndarray:
     bias = model.actuator_biasprm
-    brakes = (model.actuator_biastype == _AFFINE) & (bias[:, 1] == 0) & (bias[:, 2] < 0)
-    return brakes & np.isin(model.actuator_dyntype, FOLLOWS)
+    return (model.actuator_biastype == _AFFINE) & (bias[:, 1] == 0) & (bias[:, 2] < 0)
+
+
+def _is_stiff(model: mujoco.MjModel) -> np.ndarray:
+    """(nactuator,) bool: whether a joint's own damping and inertia hardly keep it from its speed.
+
+    True for what moves no single joint.
+    """
+    stiff = np.ones(model.nactuator, bool)
+    for i in np.flatnonzero(np.isin(model.actuator_trntype, _JOINTS)):
+        dof = model.jnt_dofadr[model.actuator_trnid[i, 0]]
+        gear = model.actuator_gear[model.actuator_outadr[i], 0]
+        brakes = -model.actuator_biasprm[i, 2] * gear**2
+        all_brake = brakes + model.dof_damping[dof]
+        is_soon = model.dof_M0[dof] <= _SOON_S * all_brake
+        stiff[i] = brakes >= _NEARLY * all_brake and is_soon
+    return stiff
 
 
 def motors(model: mujoco.MjModel) -> np.ndarray:
-    """(nactuator,) bool: whether a force is as large as the control says, wherever the joint is."""
-    has_none = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value
+    """(nactuator,) bool: whether a control is a force wherever the joint is, perhaps braked."""
+    pushes = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value
+    pushes |= _brakes(model) & ~_is_stiff(model)
     is_fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED.value
-    return has_none & is_fixed & np.isin(model.actuator_dyntype, FOLLOWS)
+    return pushes & is_fixed & np.isin(model.actuator_dyntype, FOLLOWS)
 
 
 def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:

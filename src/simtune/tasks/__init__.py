@@ -14,10 +14,10 @@ from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger,
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.known_colours import known_values, with_known_colours
 from simtune.tasks.task import Task
-from simtune.tasks.tuning_file.load import load_tuning_file, read_task
+from simtune.tasks.tuning_file.load import read_task
 from simtune.tasks.tuning_file.model import is_xml
 from simtune.tasks.tuning_file.named_files import named_files
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
 
 AnyTask = Task | EnvironmentTask
 IN_PYTHON = "in Python: "  # prefix of the names of tasks that were declared without a file
@@ -85,7 +85,7 @@ def load_any_task(name: str) -> AnyTask:
         )
     if name.endswith(".toml"):
         path = Path(name).resolve()
-        task = load_tuning_file(Path(name))
+        task = read_task(read_toml(Path(name)))
         return replace(task, source=str(path), files=named_files(path))
     if name.endswith((".xml", ".mjcf", ".urdf")):
         raise InputError(f"{name} is a model: give a tuning file that names it, as NAME.toml")
@@ -111,7 +111,6 @@ __all__ = [
     "IN_PYTHON",
     "TASKS",
     "AnyTask",
-    "EnvironmentTask",
     "Task",
     "check_reward",
     "known_values",

@@ -8,10 +8,10 @@ from typing import Any
 
 from simtune.cameras.footage import Footage
 from simtune.cameras.views import View
-from simtune.errors import InputError, blame
+from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
-from simtune.simulation.environment import BoxActions
+from simtune.simulation.environment import BoxActions, blame_environment
 from simtune.tasks.task import content_hash
 
 _SLACK = 0.01  # relative difference allowed between the recordings' step and the environment's
@@ -27,7 +27,8 @@ class EnvironmentTask:
     parameters: ParameterSpace
     step_s: float  # time that env.step simulates
     episode_steps: int
-    cameras: tuple[Footage, ...] = (Footage(camera="render", name="render"),)
+    # Its pictures are cut to their middle square, and so is a film
+    cameras: tuple[Footage, ...] = (Footage(camera="render", name="render", is_square=True),)
     declared: str = ""  # content of the tuning file and of the environment's code
     source: str = ""  # see `Task`
     files: tuple[Path, ...] = ()  # see `Task`
@@ -39,7 +40,7 @@ class EnvironmentTask:
 
     @cached_property
     def _env(self) -> Any:
-        with blame(f"{self.name}: the environment cannot be made"):
+        with blame_environment(f"{self.name}: the environment cannot be made"):
             env = self.make()
         for needed in ("action_space", "reset", "step", "render"):
             if not hasattr(env, needed):

@@ -49,6 +49,11 @@ def combinations(estimate: Estimate, space: ParameterSpace, draws: np.ndarray) -
     return [combination for combination in found if combination]
 
 
+def rounded_weight(weight: float) -> float:
+    """A combination's weight to one digit; 1 if it is near 1."""
+    return 1.0 if _ABOUT_ONE[0] < weight < _ABOUT_ONE[1] else float(f"{weight:.1g}")
+
+
 def _combine(
     estimate: Estimate, space: ParameterSpace, draws: np.ndarray, a: str, b: str, correlation: float
 ) -> Combination | None:
@@ -65,7 +70,7 @@ def _combine(
     if not (width > 0).all():
         return None
     is_colour = space.is_colour[pair].all()  # of one channel, under the same light
-    weight = 1.0 if is_colour else _rounded(float(width[0] / width[1]))
+    weight = 1.0 if is_colour else rounded_weight(float(width[0] / width[1]))
     if in_logs and not 1 / _LARGEST_POWER <= weight <= _LARGEST_POWER:
         return None
     quantiles = np.quantile(values @ [1, -weight if rise else weight], (0.5, 0.05, 0.95))
@@ -86,8 +91,3 @@ def _is_of_powers(space: ParameterSpace, pair: list[int], low: np.ndarray) -> bo
     """Whether both are positive factors: on a log scale, or colours or light."""
     are_factors = space.is_log[pair] | space.is_appearance[pair]
     return bool(are_factors.all() and (low > 0).all())
-
-
-def _rounded(weight: float) -> float:
-    """To one digit; 1 if it is near 1."""
-    return 1.0 if _ABOUT_ONE[0] < weight < _ABOUT_ONE[1] else float(f"{weight:.1g}")

@@ -27,7 +27,7 @@ from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.detected import HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings.estimate import ReadingsEstimate
 from simtune.tuning.rounds import TRAIN_ESTIMATOR
 from simtune.tuning.search import SearchContext
 from simtune.vision.detections import Detections

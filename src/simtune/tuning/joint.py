@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
+from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
 from simtune.tuning.estimate import Estimate
 
 NUM_DRAWS = 4000  # kept by a run: ends of 90 % intervals to a thirtieth of a standard deviation
-_NORMAL_90 = 2 * 1.6449  # width of a normal distribution's central 90 %, in standard deviations
 _TELLS_NOTHING = 0.25  # probability beyond both ends, from which a curve is ignored
 _POINTS = 65  # of a uniform distribution, which may be curved on another scale
 
@@ -63,7 +63,7 @@ class Joint:
         """
         ones = np.ones(len(self.space))
         low, middle, high = (self.quantile(share * ones) for share in (0.05, 0.5, 0.95))
-        std = (high - low) / _NORMAL_90
+        std = (high - low) / (2 * STDS_90)
         return middle, self.correlation * np.outer(std, std)
 
 

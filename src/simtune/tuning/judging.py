@@ -23,7 +23,7 @@ from simtune.tuning.fit_verdict import conclude
 from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import read_curves
-from simtune.tuning.readings_estimate import ReadingsEstimate
+from simtune.tuning.readings.estimate import ReadingsEstimate
 from simtune.tuning.rounds import FIT, FIT_AGAIN, REFIT
 from simtune.tuning.search import Callbacks, SearchContext
 from simtune.tuning.survival_curves import point_estimate

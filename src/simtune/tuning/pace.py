@@ -24,6 +24,16 @@ _SMALL_UPDATE = 0.7  # update of another network, relative to one of the detecto
 _SLOWER = 1.3  # factor for all that is not counted: fits of pictures, latencies tried
 _FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # fewer teach a network nothing
+# What makes them cheaper, in messages
+_CHEAPER_PHYSICS = (
+    "a longer physics timestep, fewer contacts, joints that stand still as fixed_joints"
+)
+_CHEAPER_STEP = "a cheaper step() of the environment"
+_CHEAPER_SCENE = "simpler meshes, fewer cameras or a smaller --image-size"
+_CHEAPER_RENDER = (
+    "the environment's own render() without shadows, reflections and multisampling, and of hardly "
+    "more pixels than --image-size,"
+)
 
 
 class RoundTimes(NamedTuple):
@@ -42,14 +52,16 @@ class Work(NamedTuple):
     num_tangent: int  # 2 nv, of a fitted state; 0: nothing can be fitted
     num_fitted: int  # parameters that affect motion
     supersampling: int = 1  # divides the number of pictures drawn, since each takes longer
+    is_environment: bool = False  # which steps and draws by itself
 
     @classmethod
     def of(cls, simulator: AnySimulator, real: list[Trajectory], is_fitted: bool) -> "Work":
         space = simulator.state_space if is_fitted else None
         num_fitted = int((~simulator.space.is_appearance).sum())
         num_tangent = space.num_tangent if space else 0
-        steps = min(len(t) for t in real)
-        return cls(len(real), steps, num_tangent, num_fitted, simulator.supersampling)
+        steps, is_environment = min(len(t) for t in real), simulator.state_space is None
+        shape = len(real), steps, num_tangent, num_fitted
+        return cls(*shape, simulator.supersampling, is_environment)
 
 
 @dataclass(frozen=True)
@@ -94,12 +106,12 @@ class Pace:
         parts_s = self._parts_s(config, work)
         most, share = int(np.argmax(parts_s)), max(parts_s) / sum(parts_s)
         if most == 0:
-            return slow_steps(share, self.step_s)
+            return slow_steps(share, self.step_s, is_environment=work.is_environment)
         if most == 1:
+            helps = _CHEAPER_RENDER if work.is_environment else _CHEAPER_SCENE
             return (
                 f"Pictures take {share:.0%} of that, {_ms(self.frame_s)} each to draw and "
-                f"{_ms(self.detect_s)} to look at: simpler meshes, fewer cameras or a smaller "
-                "--image-size would help"
+                f"{_ms(self.detect_s)} to look at: {helps} would help"
             )
         return (
             f"Training networks takes {share:.0%} of that: more cores, or a smaller --image-size, "
@@ -134,12 +146,12 @@ class Pace:
         return played_s + _SLOWER * self.step_s * played, pictures_s, trained_s
 
 
-def slow_steps(share: float, step_s: float) -> str:
+def slow_steps(share: float, step_s: float, *, is_environment: bool = False) -> str:
     """What to say if simulated steps take so much of a search, and each so long."""
     return (
-        f"Simulating takes {share:.0%} of that, {_ms(step_s)} for each step of an action: a longer "
-        "physics timestep, fewer contacts, joints that stand still as fixed_joints, or fewer or "
-        "shorter episodes would help"
+        f"Simulating takes {share:.0%} of that, {_ms(step_s)} for each step of an action: "
+        f"{_CHEAPER_STEP if is_environment else _CHEAPER_PHYSICS}, or fewer or shorter episodes "
+        "would help"
     )
 
 

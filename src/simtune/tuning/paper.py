@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from simtune.budget import Budget
+from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.networks.layers import (
     load_optimizer_tensors,
@@ -23,14 +24,7 @@ from simtune.search_param_model.windows import SpmBuffer
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import unsure
 from simtune.tuning.mean_update import approach, arrivals, shift_mean
-from simtune.tuning.search import (
-    NO_CALLBACKS,
-    Callbacks,
-    Event,
-    Round,
-    SearchContext,
-    TimeNeeded,
-)
+from simtune.tuning.search import NO_CALLBACKS, Callbacks, Event, Round, Search, SearchContext
 
 _NOT_MOVED = (
     "The paper's search has not moved yet, so these are the values it started from. It moves once "
@@ -39,7 +33,7 @@ _NOT_MOVED = (
 )
 
 
-class PaperSearch:
+class PaperSearch(Search):
     """Collect in Ξ, train q_φ, ask it about the real trajectories, step (search="paper").
 
     Sensor readings are inputs beside the pictures ("any state information accessible in both
@@ -87,10 +81,6 @@ class PaperSearch:
     @property
     def stop_reason(self) -> str:
         return "all moves are done" if self.num_moves >= self.config.max_moves else ""
-
-    def measure_time(self, real: list[Trajectory]) -> TimeNeeded:
-        """0: rounds are short, and there are many."""
-        return TimeNeeded(0.0, 0.0)
 
     def run_round(
         self,
@@ -175,19 +165,21 @@ class PaperSearch:
         return events, {f"{key}/{n}": v for n, v in self.space.to_dict(answer).items()}
 
     def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
-        size = self._simulator.image_size
-        for trajectory in real:
-            if trajectory.frames.shape[1:3] != (size, size):
-                height, width = trajectory.frames.shape[1:3]
-                raise ValueError(f"real frames must be {size} × {size}, got {height} × {width}")
-            if len(trajectory) < self.config.window:
+        """Raises InputError for pictures of another size, and for too short trajectories."""
+        size, window = self._simulator.image_size, self.config.window
+        for index, trajectory in enumerate(real):
+            episode = episode_in_words(names, index)
+            height, width = trajectory.frames.shape[1:3]
+            if (height, width) != (size, size):
                 raise InputError(
-                    f"search={self.method!r} needs episodes of at least {self.config.window} "
-                    f"steps, got one of {len(trajectory)}"
+                    f"{episode} has pictures of {width}×{height}; expected {size}×{size}: crop "
+                    "the recordings to a square"
                 )
-
-    def detect(self, frames: np.ndarray) -> None:
-        return None
+            if len(trajectory) < window:
+                raise InputError(
+                    f"{episode} has {len(trajectory)} steps; search={self.method!r} needs at least "
+                    f"{window}: leave it out (--leave-out), or record a longer one"
+                )
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """Weights, optimizer moments, and D_sp without its frames, which are drawn anew."""

@@ -40,14 +40,15 @@ from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.pace import Pace, RoundTimes, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import update_range
-from simtune.tuning.readings_estimate import ReadingsEstimate
-from simtune.tuning.readings_first import ReadingsFirst
+from simtune.tuning.readings.estimate import ReadingsEstimate
+from simtune.tuning.readings.first import ReadingsFirst
 from simtune.tuning.rounds import Rounds, half_widths
 from simtune.tuning.search import (
     NO_CALLBACKS,
     Callbacks,
     Event,
     Round,
+    Search,
     SearchContext,
     TimeNeeded,
 )
@@ -55,8 +56,8 @@ from simtune.tuning.world_sampler import WorldSampler
 from simtune.vision.detections import Detections
 
 
-class PosteriorSearch:
-    """Search with the posterior SPM; a `tuning.search.Search`."""
+class PosteriorSearch(Search):
+    """Search with the posterior SPM."""
 
     def __init__(self, context: SearchContext, config: PosteriorSearchConfig | None = None):
         """Raises InputError if nothing moves that could show a hidden parameter."""

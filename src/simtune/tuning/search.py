@@ -84,7 +84,10 @@ class SearchContext:
 
 
 class Search(Protocol):
-    """Moves Ξ towards the real system, from frames and actions alone."""
+    """Moves Ξ towards the real system, from frames and actions alone.
+
+    By default it accepts all episodes, takes no time worth measuring, and has nothing to save.
+    """
 
     distribution: Distribution  # Ξ now; `distribution.mean` is ξ_mean
 
@@ -98,14 +101,13 @@ class Search(Protocol):
 
         A measurement of a second or two.
         """
-        ...
+        return TimeNeeded(0.0, 0.0)
 
     def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
         """Raises InputError for trajectories that cannot be used, e.g. too short ones.
 
         `names`: what recordings call them.
         """
-        ...
 
     def run_round(
         self,
@@ -121,16 +123,15 @@ class Search(Protocol):
 
     def detect(self, frames: np.ndarray) -> Detections | None:
         """Keypoints in (n, H, W, 3) frames; None if the search has no detector."""
-        ...
+        return None
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """What a checkpoint must hold besides `state`."""
-        ...
+        return {}
 
     def state(self) -> dict[str, Any]:
         """JSON."""
-        ...
+        return {}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """Continue from a checkpoint as if there had been no break."""
-        ...

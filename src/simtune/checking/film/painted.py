@@ -5,9 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from simtune.cameras.views import apart
-from simtune.parameters import Parameter, field_of
 from simtune.simulation import Simulator
-from simtune.simulation.rendering.plate import before_plate, stands_still
+from simtune.simulation.rendering.plate import before_plate, geoms_coloured_by, stands_still
 
 _STATES = 8  # looked at
 _MOSTLY = 0.5  # share of the pictures
@@ -48,18 +47,7 @@ def _still_colours(simulator: Simulator) -> dict[str, list[int]]:
     drawn = stands_still(model) & (before_plate(model, space).geom_rgba[:, 3] > 0)
     found: dict[str, list[int]] = {}
     for i, parameter in enumerate(space.parameters):
-        if parameter.is_appearance and drawn[_geoms(simulator, parameter)].any():
+        if parameter.is_appearance and drawn[geoms_coloured_by(model, parameter)].any():
             name = parameter.name[:-2] if parameter.is_colour else parameter.name
             found.setdefault(name, []).append(i)
     return found
-
-
-def _geoms(simulator: Simulator, parameter: Parameter) -> np.ndarray:
-    """Indices of geoms with a parameter's own colour or material."""
-    model, prefix = simulator.model, field_of(parameter.field).prefix
-    if prefix == "geom":
-        return np.array([model.geom(name).id for name in parameter.objects])
-    if prefix != "mat":
-        return np.zeros(0, int)
-    materials = [model.material(name).id for name in parameter.objects]
-    return np.flatnonzero(np.isin(model.geom_matid, materials))

@@ -4,7 +4,9 @@ A servo's command says where its joint should be (`servos`). A motor's says only
 a pendulum has none. So pieces of a quarter of a second are replayed from where readings say that
 they begin: as they are, and as if a sign were reversed, two columns exchanged, a unit or a zero
 another. A piece that is replayed right ends where it was read; what the model's unknown parameters
-leave is less than what such a mistake does.
+leave is less than what such a mistake does. Where a controller balances a robot that is not: its
+actions tell little but the deviations that they act against. So a change has to explain more than
+actions that do less, or more.
 """
 
 import math
@@ -15,19 +17,22 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.checking.mistakes.changes import Change, changes
+from simtune.checking.mistakes.dead import dead_encoders
 from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.sensitivity import LONGEST_S, MOST_EPISODES
 from simtune.fit.readings.stretches import Stretches, filled, velocities
 from simtune.fit.sensitivity import where_analyzed
-from simtune.observation import ObservationModel
+from simtune.observation import ObservationModel, joints_of
 from simtune.simulation import Simulator
 
 _PIECE_S, _FEWEST_STEPS, _PIECES = 0.25, 4, 40
 _FEWER = 20  # pieces, where contacts take time
 _BEFORE_S = 0.2  # from which what no sensor measures goes along
-_LATE_S = (0.0, 0.03, 0.08)  # by which actions may be late
+# By which actions may be late: half a period more of what a controller shakes looks reversed
+_LATE_S = (0.0, 0.02, 0.04, 0.06, 0.08)
+_SIZES = (1 / 3, 1 / 2, 2.0, 3.0)  # of what actions do, in those of the model's first values
 _MOST_MISTAKES, _MOST_S = 3, 20.0  # seconds for each
 _LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
 # Squared deviations, in those of uniform motion: a reading counts as this many at most, and with so
@@ -43,6 +48,8 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
     One is made after the other, as long as any helps. None where all joints follow servos, or where
     a robot begins anywhere and no sensor says so.
     """
+    if dead := dead_encoders(readings, simulator, joints_of(observation.sensors)):
+        return dead  # what is replayed from these says nothing
     if not (tried := changes(simulator, observation)):
         return []
     nominal, steps = where_analyzed(simulator.space), round(LONGEST_S / simulator.step_s)
@@ -60,7 +67,9 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
         if left <= _WELL or not tried:
             break
         less, best, others = replays.best(readings, tried)
-        if less > _BETTER * left:
+        left = min(left, replays.left_by_other_sizes(readings))
+        first = left if not found else first
+        if left <= _WELL or less > _BETTER * left:
             break
         less, best, _ = replays.best(readings, best.nearby())
         before = found.get(best.says, _Found(0.0, []))
@@ -111,6 +120,11 @@ class _Replays(NamedTuple):
         near = _AS_WELL * least
         as_good = [its.says for left, its in each if left < near and not its.shift.any()]
         return least, best, [*dict.fromkeys([best.says, *as_good])]
+
+    def left_by_other_sizes(self, readings: Readings) -> float:
+        """What is `left` at the best of a few sizes of what actions do: nobody has read them."""
+        scaled = (Readings(size * readings.actions, readings.values) for size in _SIZES)
+        return min(self.left(its) for its in scaled)
 
     def left(self, readings: Readings) -> float:
         """Squared deviations of short replays, in those of uniform motion; at the best of a few

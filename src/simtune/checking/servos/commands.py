@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.fit.readings.stretches import filled
 from simtune.observation import JointSensor, columns_of
 from simtune.simulation import Simulator
 from simtune.simulation.servos import (
@@ -92,7 +93,7 @@ def commands_of(
     for trajectory in trajectories:
         controls = []
         positions = {s.name: s for s in sensors if not s.is_velocity}
-        read = {name: _without_gaps(trajectory.readings[name]) for name in positions}
+        read = {name: filled(trajectory.readings[name][None])[0] for name in positions}
         for start in range(0, len(trajectory), _CHUNK):
             actions = trajectory.actions[start : start + _CHUNK]
             for name, sensor in positions.items():
@@ -108,13 +109,3 @@ def _controls(simulator: Simulator, batch: Batch, actions: np.ndarray) -> np.nda
     num = len(actions)
     padded = np.pad(actions.astype(float), ((0, _CHUNK - num), (0, 0)), mode="edge")
     return simulator.action_mapping.apply(batch, padded)[:num].copy()
-
-
-def _without_gaps(readings: np.ndarray) -> np.ndarray:
-    """(T, D) readings with missing ones interpolated; 0 where a column has none."""
-    filled, rows = np.zeros_like(readings), np.arange(len(readings))
-    for column, values in enumerate(readings.T):
-        known = np.isfinite(values)
-        if known.any():
-            filled[:, column] = np.interp(rows, rows[known], values[known])
-    return filled

@@ -77,7 +77,7 @@ def delay_of(commands: Episodes, measured: Episodes, step_s: float) -> float:
     def left(lag: float) -> float:
         return _offset_and_rms(commands, measured, lag)[1]
 
-    return _lowest(left, _longest_lag(step_s))
+    return lowest(left, _longest_lag(step_s))
 
 
 def predict(servo: ServoResponse, commands: Episodes, step_s: float) -> list[np.ndarray]:
@@ -125,24 +125,33 @@ def _first_order(commands: Episodes, measured: Episodes, longest: float) -> tupl
         def left(lag: float) -> float:
             return _offset_and_rms(filtered, measured, lag)[1]
 
-        lag = _lowest(left, longest, num=_GRID // 2, times=_TIMES - 1)
+        lag = lowest(left, longest, num=_GRID // 2, times=_TIMES - 1)
         return left(lag), lag
 
-    constant = _lowest(lambda s: with_constant(s)[0], longest, num=_TIME_CONSTANTS, times=2)
+    constant = lowest(lambda s: with_constant(s)[0], longest, num=_TIME_CONSTANTS, times=2)
     return constant, with_constant(constant)[1]
 
 
-def _lowest(
-    cost: Callable[[float], float], most: float, num: int = _GRID, times: int = _TIMES
+def lowest(
+    cost: Callable[[float], float],
+    most: float,
+    *,
+    num: int = _GRID,
+    times: int = _TIMES,
+    finer: int = _FINER,
+    is_bound: bool = True,
 ) -> float:
-    """Minimum of the cost between 0 and `most`, on a grid, then on finer ones around it."""
+    """Minimum of the cost on a grid from 0 to `most`, then `times` on `finer` ones around it.
+
+    Unless `most` is a bound, somewhat beyond it, too.
+    """
     grid = np.linspace(0, most, num)
     spacing = grid[1]
     for _ in range(times):
         best = grid[int(np.argmin([cost(float(x)) for x in grid]))]
-        spacing /= _FINER
-        around = best + spacing * np.arange(-_FINER + 1, _FINER)
-        grid = around[(around >= 0) & (around <= most)]
+        spacing /= finer
+        around = best + spacing * np.arange(-finer + 1, finer)
+        grid = around[(around >= 0) & (around <= (most if is_bound else np.inf))]
     return float(grid[int(np.argmin([cost(float(x)) for x in grid]))])
 
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from simtune.checking.servos.doubt import Doubt, grouped
-from simtune.observation import JointSensor, columns_of
+from simtune.observation import JointSensor, by_column
 
 WIDER = 1.25  # than the joint's range: limits are soft
 # Nothing that a joint strikes makes it so; less is left to its commands, which tell more
@@ -24,8 +24,8 @@ def beyond_ranges(
 
     An encoder's zero may be anywhere.
     """
-    found, by_column = [], np.moveaxis(values, -1, 0)
-    for (sensor, column), read, factor in zip(columns_of(sensors), by_column, wider, strict=True):
+    found = []
+    for (sensor, column, read), factor in zip(by_column(sensors, values), wider, strict=True):
         joint, known = sensor.joints[column], read[np.isfinite(read)]
         limits = model.joint(joint)
         if sensor.is_velocity or not limits.limited[0] or not len(known):

@@ -7,7 +7,7 @@ import numpy as np
 
 from simtune.checking.servos.commands import commanded_spans
 from simtune.checking.servos.doubt import Doubt, grouped
-from simtune.observation import JointSensor, columns_of
+from simtune.observation import JointSensor, by_column
 from simtune.simulation import Simulator
 
 _FAR = 50.0  # times a model's extent: farther than robots drive, and pixels or mm are more
@@ -54,7 +54,7 @@ def _says(name: str, commanded: Mapping[str, float], read: Mapping[str, float]) 
 def _read(sensors: Sequence[JointSensor], values: np.ndarray) -> dict[str, float]:
     """{joint: how far its (E, T + 1, D) readings are apart}, of positions."""
     found = {}
-    for (sensor, column), its in zip(columns_of(sensors), np.moveaxis(values, -1, 0), strict=True):
+    for sensor, column, its in by_column(sensors, values):
         known = its[np.isfinite(its)]
         if not sensor.is_velocity and len(known):
             found[sensor.joints[column]] = float(np.ptp(np.quantile(known, _USUAL)))

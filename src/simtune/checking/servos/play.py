@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.checking.servos.fit import Episodes, ServoResponse, predict
+from simtune.checking.servos.fit import Episodes, ServoResponse, lowest, predict
 
 _WIDTHS, _FINER, _TIMES = 8, 3, 3  # of a first grid, and of finer ones around the best
 _SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the lag's delay, that are tried
@@ -54,15 +54,9 @@ def _behind(followed: Episodes, measured: Episodes, commanded: float) -> Play:
         best = np.linalg.lstsq(columns, read[known], rcond=None)[0]
         return float(np.std(read[known] - columns @ best))
 
-    widths = np.linspace(0, _WIDEST * commanded, _WIDTHS + 1)
-    spacing, without = widths[1], left(0.0)
-    for _ in range(_TIMES):
-        best = widths[int(np.argmin([left(float(w)) for w in widths]))]
-        spacing /= _FINER
-        widths = best + spacing * np.arange(-_FINER + 1, _FINER)
-        widths = widths[widths >= 0]
-    best = float(widths[int(np.argmin([left(float(w)) for w in widths]))])
-    return Play(best, left(best), without)
+    grid = {"num": _WIDTHS + 1, "times": _TIMES, "finer": _FINER}
+    best = lowest(left, _WIDEST * commanded, **grid, is_bound=False)
+    return Play(best, left(best), left(0.0))
 
 
 def through_play(motor: np.ndarray, width: float) -> np.ndarray:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simtune.between_rows import read_between
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.roughness import roughness
 
@@ -41,8 +42,12 @@ def _half_window(joint: Watched) -> int:
 
 
 def _speed(read: np.ndarray, half: int) -> np.ndarray:
-    """(T + 1,) changes per step from `half` steps before to as many after; NaN at the ends."""
-    found = np.full(len(read), np.nan)
+    """(T + 1,) changes per step from `half` steps before to as many after; NaN at the ends.
+
+    An encoder may be slower than rows: between two of its readings it goes on straight.
+    """
+    found, rows = np.full(len(read), np.nan), np.arange(len(read))
+    read = read_between(rows, rows, read)
     if len(read) > 2 * half:
         found[half:-half] = (read[2 * half :] - read[: -2 * half]) / (2 * half)
     return found

@@ -9,7 +9,8 @@ from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
 from simtune.fit.readings.stretches import Stretches
 
 _UNIT_DELTA = 5e-3
-_EXPLODED = 100.0  # rad, m, or those per second
+# Times a reading's range in a stretch, or rad, m, or those per second if that is less than 1
+_EXPLODED = 100.0
 _STATE_DELTA = 0.05  # in units of `start_std`
 
 
@@ -113,13 +114,15 @@ def _changed(
     predicted, _ = loop.play(at.stretches, states, units)
     here, there, beyond = np.split(predicted, [1, 1 + num_groups])
     others = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:twice])
-    return here[0], _unless_exploded(there - here), _unless_exploded(others)
+    most = _EXPLODED * np.maximum(np.ptp(here, axis=2, keepdims=True), 1.0)
+    return here[0], _unless_exploded(there - here, most), _unless_exploded(others, most)
 
 
-def _unless_exploded(changes: np.ndarray) -> np.ndarray:
-    """(G, W, K + 1, D) changes, 0 in stretches where a small step changes more than any motion.
+def _unless_exploded(changes: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """(G, W, K + 1, D) changes, 0 in stretches where a small step changes a reading by `most`.
 
-    As of worlds that explode, which tell nothing, and whose squares outgrow all others.
+    As of worlds that explode, which tell nothing, and whose squares outgrow all others. A flywheel
+    turns far. `most`: (1, W, 1, D).
     """
-    exploded = ~(np.abs(changes).max((2, 3)) < _EXPLODED)
-    return np.where(exploded[..., None, None], 0.0, changes)
+    exploded = ~(np.abs(changes) < most).all((2, 3), keepdims=True)
+    return np.where(exploded, 0.0, changes)

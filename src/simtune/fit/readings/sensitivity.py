@@ -26,7 +26,9 @@ from simtune.simulation import ActionMapping, Simulator
 
 _MOST_NAMED, _LARGE = 3, 0.1  # actions, of the largest one's size
 MOST_EPISODES, LONGEST_S = 4, 8.0  # replayed; any others are assumed to tell as much
-_TOO_FAR = 1e3  # from the start, more than any joint moves: such a world has diverged
+# From the start, more than joints move, and many times as far as readings do: such a world has
+# diverged. A motor that turns on and on moves far
+_TOO_FAR, _MUCH_FARTHER = 1e3, 10.0
 _ASTRAY = (
     "no episode can be replayed from where its readings begin: the model goes astray there. Are "
     "the readings' columns, their unit and their sign right?"
@@ -119,7 +121,8 @@ class ReplayedReadings:
         starts = np.repeat(self._stretches.states[None], len(worlds), 0)
         predicted, _ = self._loop.play(self._stretches, starts, worlds)
         moved = np.abs(predicted - predicted[:, :, :1])
-        kept = np.asarray((moved < _TOO_FAR).all((0, 2, 3)) & ~is_lost(predicted).any(0))
+        too_far = np.maximum(_TOO_FAR, _MUCH_FARTHER * self._travel)
+        kept = np.asarray((moved < too_far).all((0, 2, 3)) & ~is_lost(predicted).any(0))
         if not kept.any():
             raise RuntimeError(_ASTRAY)
         away, whole = (predicted[1:] - predicted[0])[:, kept], self._stretches.of(kept)
@@ -140,6 +143,13 @@ class ReplayedReadings:
             information_at_best=least[0] if least else None,
             growth=grown,
         )
+
+    @property
+    def _travel(self) -> np.ndarray:
+        """(D,) how far readings are apart, in any of the replayed stretches; 0 where none are."""
+        values = self._stretches.values
+        low, high = (np.where(np.isfinite(values), values, end) for end in (np.inf, -np.inf))
+        return np.maximum(high.max(1) - low.min(1), 0).max(0)
 
     def _share(self, stretches: Stretches) -> float:
         """How many times as many frames there are in all as in these."""

@@ -4,6 +4,8 @@ A camera on a wrist sees a table full of things from ever-changing sides, and no
 detector that learns before such pictures looks at the things that the simulator does draw.
 """
 
+from functools import lru_cache
+
 import numpy as np
 import torch
 from torch.nn.functional import interpolate
@@ -20,10 +22,8 @@ class Backdrops:
     """Pictures of (height, width); the same number gives the same picture."""
 
     def __init__(self, size: tuple[int, int]):
-        rng = np.random.default_rng(0)
         self._size = size
-        wide = _WIDER * size[0], _WIDER * size[1]
-        self._textures = np.stack([_texture(wide, rng) for _ in range(_KEPT)])
+        self._textures = _textures((_WIDER * size[0], _WIDER * size[1]))
 
     def of(self, numbers: np.ndarray) -> np.ndarray:
         """(n, H, W, 3) uint8 of (n,) whole numbers."""
@@ -50,6 +50,13 @@ class Backdrops:
         first, last = ends.clip(0, 255)
         levels = np.linspace(first, last, 256).astype(np.uint8)  # (256, 3)
         return np.stack([levels[part[..., c], c] for c in range(3)], -1)
+
+
+@lru_cache(maxsize=4)  # each takes half a second, and a run has several renderers
+def _textures(size: tuple[int, int]) -> np.ndarray:
+    """(_KEPT, H, W, 3) uint8, which are not to be changed."""
+    rng = np.random.default_rng(0)
+    return np.stack([_texture(size, rng) for _ in range(_KEPT)])
 
 
 def _texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.parameters import ParameterSpace, field_of
+from simtune.parameters import Parameter, ParameterSpace, field_of
 
 
 def before_plate(model: mujoco.MjModel, space: ParameterSpace) -> mujoco.MjModel:
@@ -14,8 +14,11 @@ def before_plate(model: mujoco.MjModel, space: ParameterSpace) -> mujoco.MjModel
 
     Their contacts stay as they are.
     """
-    model = copy.copy(model)
-    model.geom_rgba[stands_still(model) & ~_painted(model, space)] = 0
+    model, hidden = copy.copy(model), stands_still(model)
+    for parameter in space:
+        if parameter.is_appearance:
+            hidden &= ~geoms_coloured_by(model, parameter)
+    model.geom_rgba[hidden] = 0
     return model
 
 
@@ -46,16 +49,12 @@ def camera_moves(model: mujoco.MjModel, camera: str) -> bool:
     return bool(turns or can_move(model, model.cam_bodyid[given.id]))
 
 
-def _painted(model: mujoco.MjModel, space: ParameterSpace) -> np.ndarray:
-    """(ngeom,) bool: whether a geom's own colour, or its material's, is a parameter."""
-    painted = np.zeros(model.ngeom, bool)
-    for parameter in space:
-        if not parameter.is_appearance:
-            continue
-        prefix = field_of(parameter.field).prefix
-        if prefix == "geom":
-            painted[[model.geom(name).id for name in parameter.objects]] = True
-        elif prefix == "mat":
-            materials = [model.material(name).id for name in parameter.objects]
-            painted |= np.isin(model.geom_matid, materials)
-    return painted
+def geoms_coloured_by(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
+    """(ngeom,) bool: geoms whose own colour, or whose material's, an appearance parameter is."""
+    prefix = field_of(parameter.field).prefix
+    if prefix == "geom":
+        ids = [model.geom(name).id for name in parameter.objects]
+        return np.isin(np.arange(model.ngeom), ids)
+    if prefix == "mat":
+        return np.isin(model.geom_matid, [model.material(name).id for name in parameter.objects])
+    return np.zeros(model.ngeom, bool)

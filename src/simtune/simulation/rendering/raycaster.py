@@ -16,9 +16,10 @@ from simtune.parameters import ParameterSpace
 from simtune.simulation.rendering import packing
 from simtune.simulation.rendering.appearance import NUM_GROUPS, as_opengl_reads
 from simtune.simulation.rendering.backdrops import Backdrops
+from simtune.simulation.rendering.constant_sky import constant_sky
 from simtune.simulation.rendering.packing import packed
 from simtune.simulation.rendering.plate import before_plate, check_stands_still
-from simtune.simulation.rendering.raycaster_context import Context, constant_sky, init_warp
+from simtune.simulation.rendering.raycaster_context import Context, init_warp
 from simtune.simulation.rendering.sky import can_turn, smooth_sky
 from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.worlds import no_printed_warnings

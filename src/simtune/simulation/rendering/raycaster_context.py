@@ -19,13 +19,12 @@ from simtune.simulation.rendering import packing
 from simtune.simulation.rendering.appearance import focus, kinds_of_lamps, most_matt
 from simtune.simulation.rendering.packing import packed
 from simtune.simulation.rendering.primitives.drawing import Primitives
-from simtune.simulation.rendering.sky import complete_sky, has_sky, sky_alone
+from simtune.simulation.rendering.sky import complete_sky
 from simtune.simulation.rendering.stray_light import StrayLight
 from simtune.simulation.rendering.warp_model import put_model
 
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
-_SKY_SAMPLES = 4  # per pixel and axis: stars are smaller than pixels and would sparkle
 _LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
 
 
@@ -135,7 +134,7 @@ class Context:
             return self._primitives.draw(self._model, self._data, stray)
         context = self._shadowing(stray.shadow > 0) if stray.shadow.any() else self._warp_context
         with _COMPILING if context._megakernel is None else nullcontext():
-            return _draw(self._model, self._data, context)
+            return draw(self._model, self._data, context)
 
     def _shadowing(self, in_world: np.ndarray) -> RenderContext:
         """The render context of worlds of which those `in_world`, (n,) bool, have shadows."""
@@ -216,7 +215,7 @@ def make_context(
     return context
 
 
-def _draw(model: Model, data: Data, context: RenderContext) -> warp.array:
+def draw(model: Model, data: Data, context: RenderContext) -> warp.array:
     """(nworld, H · W) packed pixels."""
     mujoco_warp.refit_bvh(model, data, context)
     mujoco_warp.render(model, data, context)
@@ -229,16 +228,3 @@ def assign(target: warp.array, values: np.ndarray) -> None:
         shape = (len(values), *target.shape[1:], *target.dtype._shape_)
         values = np.ascontiguousarray(values, np.float32).reshape(shape)
         target[: len(values)].assign(values)
-
-
-def constant_sky(model: mujoco.MjModel, camera: str, size: tuple[int, int]) -> np.ndarray:
-    """(H, W) packed pixels behind everything."""
-    if not has_sky(model):
-        return packed(np.zeros((*size, 3), np.uint8))
-    model = sky_alone(model, camera)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    context = make_context(model, 0, size, render_skybox=True, samples_per_pixel=_SKY_SAMPLES)
-    _draw(put_model(model), mujoco_warp.put_data(model, data), context)
-    sums = context.aa_accum.numpy().reshape(*size, 3)  # of 255; its pixels are cut off, not rounded
-    return packed(np.rint(sums / _SKY_SAMPLES**2).astype(np.uint8))

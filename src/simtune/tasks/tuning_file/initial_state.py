@@ -6,6 +6,7 @@ import numpy as np
 from simtune.errors import UnknownName
 from simtune.parameters.backlash import driven_through
 from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.simulation.ties import dofs_of_ties
 from simtune.tasks.tuning_file.object_names import find_keyframe
 from simtune.tasks.tuning_file.start import Spread, Start
 from simtune.tasks.tuning_file.toml_table import TomlTable
@@ -13,7 +14,6 @@ from simtune.tasks.tuning_file.toml_table import TomlTable
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 _FREE = mujoco.mjtJoint.mjJNT_FREE.value
 _SLIDE = mujoco.mjtJoint.mjJNT_SLIDE.value
-_OF_BODIES = (mujoco.mjtEq.mjEQ_CONNECT.value, mujoco.mjtEq.mjEQ_WELD.value)
 _KINDS = ("recording", "distribution", "keyframe")
 # Share of the model's extent: unlimited slides and free joints start within it of their pose
 _NEAR = 0.1
@@ -46,7 +46,9 @@ def _keyframe(table: TomlTable, model: mujoco.MjModel, is_needed: bool) -> int:
 def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, list[Spread]]:
     """Initial states as wide as the joints' ranges, for recordings whose start a fit must find."""
     near = _NEAR * model.stat.extent
-    positions, turns, tied = [], [], _tied(model)
+    positions, turns = [], []
+    # Drawn independently, these would violate an equality
+    tied = {int(model.dof_jntid[dof]) for dofs in dofs_of_ties(model).values() for dof in dofs}
     for joint in range(model.njnt):
         if joint in tied or _is_of_flex(model, joint) or driven_through(model, joint) >= 0:
             continue
@@ -66,32 +68,6 @@ def _is_of_flex(model: mujoco.MjModel, joint: int) -> bool:
     """Whether a joint moves a part of a cloth or soft body, whose parts hold each other."""
     parts = (*model.flex_vertbodyid, *model.flex_nodebodyid)
     return model.jnt_type[joint] == _SLIDE and model.jnt_bodyid[joint] in parts
-
-
-def _tied(model: mujoco.MjModel) -> set[int]:
-    """Joints coupled by an active equality; drawing them independently would violate it."""
-    tied: set[int] = set()
-    for i in np.flatnonzero(model.eq_active0):
-        pair = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
-        if model.eq_type[i] == mujoco.mjtEq.mjEQ_JOINT.value:
-            tied |= set(pair) - {-1}
-        elif model.eq_type[i] in _OF_BODIES:
-            if model.eq_objtype[i] == mujoco.mjtObj.mjOBJ_SITE.value:
-                pair = [int(model.site_bodyid[site]) for site in pair]
-            if (model.body_mocapid[pair] >= 0).any():
-                continue  # the mocap body is moved to the other one
-            one, other = (_ancestors(model, body) for body in pair)
-            tied |= {joint for joint in range(model.njnt) if model.jnt_bodyid[joint] in one ^ other}
-    return tied
-
-
-def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
-    """A body and its ancestors, without the world."""
-    found = set()
-    while body > 0:
-        found.add(body)
-        body = int(model.body_parentid[body])
-    return found
 
 
 def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, list[Spread]]:

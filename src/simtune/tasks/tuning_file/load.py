@@ -1,7 +1,5 @@
 """Reads a tuning file: a user's model as a task (docs/tuning-file.md)."""
 
-from pathlib import Path
-
 from simtune.simulation import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import MOST_STEPS, Task
@@ -13,18 +11,13 @@ from simtune.tasks.tuning_file.model import model_name, read_model
 from simtune.tasks.tuning_file.parameters import read_known_colours, read_parameters
 from simtune.tasks.tuning_file.policy import read_policy
 from simtune.tasks.tuning_file.sensors import read_sensors
-from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml, usual_name
+from simtune.tasks.tuning_file.toml_table import TomlTable, usual_name
 
 _KEYS = ("model", "name", "description", "camera", "cameras", "control_timestep_s", "action_repeat")
 _KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")
 _KEYS += ("policy", "parameters", "sensors", "backlash")
 _MOST_SUBSTEPS = 2000
 _MOST_FINER = 100  # times, physics steps than the model's
-
-
-def load_tuning_file(path: Path) -> Task | EnvironmentTask:
-    """The task that a TOML file declares. Raises like `read_task`."""
-    return read_task(read_toml(path))
 
 
 def read_task(file: TomlTable) -> Task | EnvironmentTask:

@@ -5,6 +5,8 @@ import re
 from functools import cache
 from pathlib import PurePosixPath
 
+from simtune.columns import cut
+
 log = logging.getLogger(__name__)
 
 _READ = (".obj", ".stl", ".msh")  # meshes that MuJoCo reads
@@ -39,10 +41,9 @@ def draw_all_links(text: str, name: str) -> str:
 
     text = _LINK.sub(without_unread, text)
     if unread:
-        named = ", ".join([*unread][:_MOST_NAMED]) + ", ..." * (len(unread) > _MOST_NAMED)
         _warn_once(
-            f"{name}: MuJoCo reads no {named}, so links of such meshes are drawn as they collide; "
-            "where a camera sees another shape, convert the files to .obj"
+            f"{name}: MuJoCo reads no {cut([*unread], _MOST_NAMED)}, so links of such meshes are "
+            "drawn as they collide; where a camera sees another shape, convert the files to .obj"
         )
     return text
 

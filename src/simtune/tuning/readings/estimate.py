@@ -24,8 +24,8 @@ from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.estimate import Estimate, at_most_weak
-from simtune.tuning.readings import ReadingsSearch
-from simtune.tuning.readings_verdict import ReadingsFit
+from simtune.tuning.readings.search import ReadingsSearch
+from simtune.tuning.readings.verdict import ReadingsResult
 from simtune.tuning.search import SearchContext
 
 _CONTRADICTION = (
@@ -39,8 +39,10 @@ _NO_SAY = "Joint readings alone had no say in the estimates: "
 _CONTRADICTS = 3.0
 
 
-def search_of(context: SearchContext, real: list[Trajectory]) -> ReadingsSearch | None:
-    """None if nothing is read, or nothing moves that readings could show.
+def search_of(
+    context: SearchContext, real: list[Trajectory]
+) -> tuple[ReadingsSearch, OpenLoopReplay] | None:
+    """With what replays the readings; None if there are none, or they could show nothing.
 
     Also None if joints that nothing measures begin anywhere and readings show where, such as a
     walker's torso: windows are replayed then, of which pictures show the states, too.
@@ -50,13 +52,14 @@ def search_of(context: SearchContext, real: list[Trajectory]) -> ReadingsSearch 
     if not is_readable or not isinstance(simulator, Simulator):
         return None
     search = ReadingsSearch(context)
-    return None if search.look_at(real)[1].unseen else search
+    loop = search.look_at(real)[1]
+    return None if loop.unseen else (search, loop)
 
 
 class ReadingsEstimate:
     """An estimate from readings, and which of its parameters are held."""
 
-    def __init__(self, fit: ReadingsFit, joints: JointMotion | None = None):
+    def __init__(self, fit: ReadingsResult, joints: JointMotion | None = None):
         """`joints`: if everything is read but loose objects."""
         estimate = fit.estimate
         self._estimate, self._range, self.joints = estimate, fit.distribution, joints

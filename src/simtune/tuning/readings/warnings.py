@@ -1,14 +1,25 @@
 """Warnings of a fit to joint readings: how it ended, what it left, where its replays begin."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from simtune.columns import cut
-from simtune.observation import ObservationModel
-from simtune.tuning.readings_agreement import BestDescent
+from simtune.fit import (
+    OutputErrorFit,
+    bound_warnings,
+    delay_warnings,
+    timestep_warning,
+    too_late_warning,
+)
+from simtune.fit.lateness import is_too_late
+from simtune.observation import ObservationModel, joints_of
+from simtune.parameters import ParameterSpace
+from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
 
 _MOST_NAMED = 6  # parameters at a bound
+_NEARLY_ALL = 0.8  # of the readings
 _NOT_FOUND_TWICE = (
     "Fits to whole episodes, or to what of them can be followed, ended at no answer twice ({} "
     "tried, from as many starts), so how sure the best of them is cannot be said, and nothing is "
@@ -54,17 +65,48 @@ _AT_BOUNDS_BUT_OFF = (
 )
 
 
+class Unmeasured(NamedTuple):
+    """Joints that no sensor measures, though readings depend on them."""
+
+    unseen: tuple[str, ...] = ()  # those that begin anywhere
+    carried: tuple[str, ...] = ()  # those of bases, if episodes are fitted in parts
+
+
+def all_warnings(
+    judged: OutputErrorFit,
+    found: BestDescent,
+    space: ParameterSpace,
+    observation: ObservationModel,
+    latency_steps: int,
+    step_s: float,
+    unmeasured: Unmeasured,
+    std: np.ndarray,
+) -> list[str]:
+    """Of a fit with errors of (N,) `std` in unit coordinates; the rest as in `conclude`."""
+    unseen, carried = unmeasured
+    late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
+    off = unexplained(judged.noise, joints_of(observation.sensors))
+    is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
+    # What the timestep changes by more than all other errors
+    by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
+    return [
+        *([unseen_warning(unseen)] if unseen else []),
+        *([_CARRIED.format(cut(carried, _MOST_NAMED))] if carried else []),
+        *delay_warnings("readings", latency_steps, *late_s, step_s),
+        *([too_late_warning("Readings", late_s[0])] if is_too_late(judged.late_steps[0]) else []),
+        *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
+        *([] if unseen else _of_end(found)),
+        *_of_misfit(judged.noise, observation),
+        *_of_bounds(bound_warnings(space, judged.unit, np.ones(len(space), bool)), is_futile),
+    ]
+
+
 def unseen_warning(unseen: Sequence[str]) -> str:
     """On joints that begin anywhere and that no sensor measures."""
     return _UNSEEN.format(", ".join(unseen))
 
 
-def carried_warning(bases: Sequence[str]) -> str:
-    """On joints of bases that no sensor measures, where episodes are fitted in parts."""
-    return _CARRIED.format(cut(list(bases), _MOST_NAMED))
-
-
-def end_warnings(found: BestDescent) -> list[str]:
+def _of_end(found: BestDescent) -> list[str]:
     """Of how fits ended."""
     warnings = [] if found.is_whole else [_BY_STRETCHES]
     if not found.is_sure:
@@ -73,18 +115,17 @@ def end_warnings(found: BestDescent) -> list[str]:
     return warnings
 
 
-def misfit_warnings(
-    off: np.ndarray, may_be_off: np.ndarray, observation: ObservationModel
-) -> list[str]:
-    """Of readings that are `unexplained`, and of those that are `untested`, (D,) bool each."""
-    warnings = []
-    for said, which in ((_UNEXPLAINED, off), (_UNTESTED, may_be_off)):
-        labels = [n for n, is_it in zip(observation.reading_labels, which, strict=True) if is_it]
+def _of_misfit(noise: np.ndarray, observation: ObservationModel) -> list[str]:
+    """Of readings whose residuals, (D,), are `unexplained`, and of those that are `untested`."""
+    warnings, sensors = [], joints_of(observation.sensors)
+    for said, which in ((_UNEXPLAINED, unexplained), (_UNTESTED, untested)):
+        each = zip(observation.reading_labels, which(noise, sensors), strict=True)
+        labels = [label for label, is_it in each if is_it]
         warnings += [said.format(", ".join(labels))] if labels else []
     return warnings
 
 
-def bounds_warnings(at_bounds: Mapping[str, str], *, is_futile: bool) -> list[str]:
+def _of_bounds(at_bounds: Mapping[str, str], is_futile: bool) -> list[str]:
     """Of parameters at a bound, {name: warning}; one for all if wider bounds would be futile."""
     if is_futile and at_bounds:
         return [_AT_BOUNDS_BUT_OFF.format(cut(list(at_bounds), _MOST_NAMED))]

@@ -23,7 +23,7 @@ from simtune.fit import (
 )
 from simtune.fit.readings.segments import Segments
 from simtune.observation import declared_noise
-from simtune.tuning.readings_agreement import (
+from simtune.tuning.readings.agreement import (
     CLEARLY_BETTER,
     BestDescent,
     agree,
@@ -33,7 +33,7 @@ from simtune.tuning.readings_agreement import (
 )
 
 _LITTLE_MORE = 1.5  # factor on the noise that a sensor declares
-_LONGEST_DELAY_S = 0.5
+_LONGEST_LATENCY_S = 0.5
 _MOST_LEFT = 0.5  # steps of a delay that are left to a lateness
 _INSIDE = 0.1  # of the range, kept from its ends: at a bound nothing moves inward
 _SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should return
@@ -53,9 +53,9 @@ class Horizon(NamedTuple):
         return min(self.seconds / step_s * self.stretches / steps, 1.0)
 
 
-# Shares of the iterations that are made, and delays that are tried, usually
-_GROWING, _LOOKING, _DELAYS = 0.25, 0.45, 4
-_LATE = Horizon(1.0, 1, 24)  # horizon at which a delay is searched for
+# Shares of the iterations that are made, and latencies that are tried, usually
+_GROWING, _LOOKING, _LATENCIES = 0.25, 0.45, 4
+_AT_LATENCY = Horizon(1.0, 1, 24)  # horizon at which a latency is searched for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,22 +69,22 @@ class Horizons:
         Horizon(2.0, 2, 12),
     )
     iterations: int = 6
-    late_iterations: int = 3
+    latency_iterations: int = 3
     whole_iterations: int = 15
     most_fits: int = 8  # to whole episodes
 
     def derivatives(self, steps: int, step_s: float, may_be_late: bool) -> float:
         """About how many, of episodes with so many steps in all, are taken before whole ones are
-        fitted: descents end early, and less often where a delay is looked for.
+        fitted: descents end early, and less often where a latency is looked for.
         """
         grown = sum(h.share(steps, step_s) * h.guesses for h in self.growing)
-        to_late = (h.share(steps, step_s) for h in self.growing if h.seconds <= _LATE.seconds)
-        late = self.iterations * sum(to_late)
-        late += _DELAYS * self.late_iterations * _LATE.share(steps, step_s)
-        return _GROWING * self.iterations * grown + _LOOKING * late * may_be_late
+        before = [h for h in self.growing if h.seconds <= _AT_LATENCY.seconds]
+        latency = self.iterations * sum(h.share(steps, step_s) for h in before)
+        latency += _LATENCIES * self.latency_iterations * _AT_LATENCY.share(steps, step_s)
+        return _GROWING * self.iterations * grown + _LOOKING * latency * may_be_late
 
 
-class ReadingsFits:
+class ReadingsDescents:
     """Descents on readings of whole episodes."""
 
     def __init__(
@@ -114,13 +114,10 @@ class ReadingsFits:
         return [Guess(unit, np.zeros(self._readings.values.shape[-1])) for unit in units]
 
     def grow(
-        self, guesses: list[Guess], budget: Budget, late: int = 0, to_s: float = math.inf
+        self, guesses: list[Guess], budget: Budget, latency_steps: int = 0, to_s: float = math.inf
     ) -> list[Descent]:
-        """Descents at the last horizon, or at `to_s`, best first.
-
-        `late`: steps by which actions take effect late.
-        """
-        readings, ended = self._readings.delayed(late), list[Descent]()
+        """Descents at the last horizon, or at `to_s`, best first."""
+        readings, ended = self._readings.delayed(latency_steps), list[Descent]()
         horizons = [h for h in self._horizons.growing if h.seconds <= to_s]
         for number, horizon in enumerate(horizons):
             budget.report(f"fitting stretches of {horizon.seconds:g} s", number / len(horizons))
@@ -138,18 +135,18 @@ class ReadingsFits:
             guesses = [descent.guess for descent in ended]
         return ended
 
-    def how_late(self, guess: Guess, budget: Budget) -> tuple[Guess, int]:
-        """Steps by which actions are late, if that explains clearly more.
+    def find_latency(self, guess: Guess, budget: Budget) -> tuple[Guess, int]:
+        """The latency of actions, in steps, if one explains clearly more.
 
         `guess`: a first one; also returns the best one found. Each number of steps starts from the
         lateness that leaves the whole delay as it was. Of two numbers that allow for it, the one
         is taken that leaves at most half a step: at the end of its range, a lateness hides the
         rest of a delay, and a servo's damping takes its place.
         """
-        grown = self.grow([guess], budget, to_s=_LATE.seconds)[0]
-        stage = self._stage(_LATE, self._horizons.late_iterations)
+        grown = self.grow([guess], budget, to_s=_AT_LATENCY.seconds)[0]
+        stage = self._stage(_AT_LATENCY, self._horizons.latency_iterations)
         left = self._readings.values.shape[1] - 1 - FEWEST_STEPS
-        longest = min(most_delayed(self._step_s) - 1, left)
+        longest = min(most_latency_steps(self._step_s) - 1, left)
         best = self._method.descend(self._readings, grown.guess, stage, budget, grown)
         steps = 0
         for number in range(1, longest + 1):
@@ -172,14 +169,16 @@ class ReadingsFits:
         lateness = Lateness.shifted(guess.unit[-1], steps)
         return guess._replace(unit=np.append(guess.unit[:-1], lateness))
 
-    def fit_until_two_agree(self, ended: list[Descent], late: int, budget: Budget) -> BestDescent:
+    def fit_until_two_agree(
+        self, ended: list[Descent], latency_steps: int, budget: Budget
+    ) -> BestDescent:
         """Fit whole episodes from successive starts until the two best agree.
 
         `ended`: descents at the last horizon. If no two fits of whole episodes agree (they may
         depend on the least change), but two of `ended` do and leave only the sensors' declared
         noise, those are the result. A simulator that lacks something must fit whole episodes.
         """
-        readings = self._readings.delayed(late)
+        readings = self._readings.delayed(latency_steps)
         first, stage, took_s = self._first_whole(readings, ended[0].guess, budget)
         rng, fits = np.random.default_rng((self._seed, 1)), [first]
         most = _FEW_FITS if self._is_enough(ended) else self._horizons.most_fits
@@ -249,6 +248,6 @@ class ReadingsFits:
         return ReplayStage(iterations, steps, horizon.stretches)
 
 
-def most_delayed(step_s: float) -> int:
-    """The largest number of steps that `ReadingsFits.how_late` may find."""
-    return math.ceil(_LONGEST_DELAY_S / step_s) + 1
+def most_latency_steps(step_s: float) -> int:
+    """The largest number of steps that `ReadingsDescents.find_latency` may find."""
+    return math.ceil(_LONGEST_LATENCY_S / step_s) + 1

@@ -4,8 +4,8 @@ from typing import Any
 
 from simtune.budget import Budget
 from simtune.trajectory import Trajectory
-from simtune.tuning.readings import ReadingsSearch
-from simtune.tuning.readings_estimate import ReadingsEstimate, search_of
+from simtune.tuning.readings.estimate import ReadingsEstimate, search_of
+from simtune.tuning.readings.search import ReadingsSearch
 from simtune.tuning.search import SearchContext
 
 _SHARE = 0.35  # of all time
@@ -41,8 +41,10 @@ class ReadingsFirst:
         if self._estimate is None and self._context.can_fit:
             self._num_episodes = self._num_episodes or len(real)
             first, self.warnings = real[-self._num_episodes :], []
-            if search := search_of(self._context, first):
-                most, least = _ROBOT_READ if search.knows_robot(first) else (_SHARE, _LEAST_SHARE)
+            if found := search_of(self._context, first):
+                search, loop = found
+                is_read = loop.measured.knows_robot  # where all but loose objects is
+                most, least = _ROBOT_READ if is_read else (_SHARE, _LEAST_SHARE)
                 left = budget.seconds_left
                 spare = max(left - round_s, least * left)
                 seconds = left if budget.is_endless else min(most * left, spare)

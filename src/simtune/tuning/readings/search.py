@@ -4,7 +4,7 @@ Readings replace the networks that video needs: they give each episode's initial
 single round:
 
     far      short stretches, from several first guesses: nearly linear, so no local minima
-    late     number of steps by which actions are late, if no parameter describes it; the rest,
+    latency  number of steps by which actions are late, if no parameter describes it; the rest,
              less than a step, is fitted as well
     whole    open-loop replay of whole episodes, or of segments as long as replays can be followed:
              the actual objective
@@ -35,15 +35,17 @@ from simtune.observation import finds_offset
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.pace import slow_steps
-from simtune.tuning.readings_agreement import BestDescent
-from simtune.tuning.readings_fits import Horizons, ReadingsFits
-from simtune.tuning.readings_verdict import ReadingsFit, conclude
+from simtune.tuning.readings.agreement import BestDescent
+from simtune.tuning.readings.descents import Horizons, ReadingsDescents
+from simtune.tuning.readings.verdict import ReadingsResult, conclude
+from simtune.tuning.readings.warnings import Unmeasured
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
     NO_CALLBACKS,
     Callbacks,
     Event,
     Round,
+    Search,
     SearchContext,
     TimeNeeded,
 )
@@ -61,8 +63,8 @@ class ReadingsConfig:
     precision: float = 0.01
 
 
-class ReadingsSearch:
-    """A `tuning.search.Search` that uses joint readings only."""
+class ReadingsSearch(Search):
+    """Uses joint readings only."""
 
     def __init__(self, context: SearchContext, config: ReadingsConfig | None = None):
         """Raises InputError without a MuJoCo model, or if readings could show no parameter.
@@ -77,8 +79,12 @@ class ReadingsSearch:
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
         self.config, self.context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = context.first
-        self.stop_reason = ""
+        self._stop_reason = ""
         self._derived_s = 0.0  # seconds of all derivatives of whole episodes, once measured
+
+    @property
+    def stop_reason(self) -> str:
+        return self._stop_reason
 
     def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
@@ -124,48 +130,48 @@ class ReadingsSearch:
         precision, found = self.config.precision, fit.found
         is_known = is_precise(half_widths(fit.estimate, self.first), precision) and found.is_sure
         if precision and is_known:
-            self.stop_reason = f"every parameter is known to {100 * precision:g} %"
+            self._stop_reason = f"every parameter is known to {100 * precision:g} %"
         elif found.is_sure or found.num_fits >= self.config.horizons.most_fits:
-            self.stop_reason = "another round would tell hardly more"  # else more fits may agree
+            self._stop_reason = "another round would tell hardly more"  # else more fits may agree
         rms = zip(self.context.observation.reading_labels, fit.noise, strict=True)
         return Round(fit.estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
 
-    def fit(self, real: list[Trajectory], budget: Budget) -> ReadingsFit:
+    def fit(self, real: list[Trajectory], budget: Budget) -> ReadingsResult:
         """Fit, from what the last round found if there was one, and judge."""
         if not (budget.is_endless or self._derived_s):
             self.measure_time(real)
         readings, loop = self.look_at(real)
         method = self._method(loop)
-        found, late = self._find(method, readings, budget)
+        found, latency_steps = self._find(method, readings, budget)
         budget.report("judging how sure that is", 0.9)
         judged, step_s = method.judge(found.best, budget), self._simulator.step_s
         seen = self.context.observation
         begin = found.best.objective.stretches.begin
         in_parts = begin is not None and bool(begin.any())
-        bases = loop.bases if in_parts else ()
-        return conclude(judged, found, self.first, seen, late, step_s, loop.unseen, bases)
+        unmeasured = Unmeasured(loop.unseen, loop.bases if in_parts else ())
+        return conclude(judged, found, self.first, seen, latency_steps, step_s, unmeasured)
 
     def _find(
         self, method: OutputErrorMethod, readings: Readings, budget: Budget
     ) -> tuple[BestDescent, int]:
-        """The best of several fits, and the number of steps by which actions are late."""
+        """The best of several fits, and the latency of actions, in steps."""
         space, step_s, seed = self.first.space, self._simulator.step_s, self.context.seed
         begin, num = method.prior, len(space)
         low, high = (  # what is not searched stays: what pictures show, and a lateness
             np.append(np.where(space.is_appearance, begin[:num], space.to_unit(end)), begin[num:])
             for end in (self.first.low, self.first.high)
         )
-        fits = ReadingsFits(method, readings, step_s, (low, high), self.config.horizons, seed)
-        guesses, late = fits.begin(begin), 0
+        fits = ReadingsDescents(method, readings, step_s, (low, high), self.config.horizons, seed)
+        guesses, latency_steps = fits.begin(begin), 0
         if self._may_be_late:
             part = budget.part(budget.seconds_left / 4, (0.0, 0.1))
-            guesses[0], late = fits.how_late(guesses[0], part)
+            guesses[0], latency_steps = fits.find_latency(guesses[0], part)
         part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
-        ended = fits.grow(guesses, part, late)
+        ended = fits.grow(guesses, part, latency_steps)
         left_s = budget.seconds_left  # may be infinite, which allows no difference of two shares
         searching_s = min((1 - _JUDGING) * left_s, left_s - _JUDGED * self._derived_s)
         part = budget.part(searching_s, (0.4, 0.9))
-        return fits.fit_until_two_agree(ended, late, part), late
+        return fits.fit_until_two_agree(ended, latency_steps, part), latency_steps
 
     def _method(self, loop: OpenLoopReplay) -> OutputErrorMethod:
         return OutputErrorMethod(loop, finds_offset(loop.sensors), self._begin(loop))
@@ -183,10 +189,6 @@ class ReadingsSearch:
         """Whether actions or readings may be."""
         return self.context.observation.unknown_latency_steps(self._simulator) > 0
 
-    def knows_robot(self, real: list[Trajectory]) -> bool:
-        """Whether readings say how all but loose objects move."""
-        return self.look_at(real)[1].measured.knows_robot
-
     def look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
         """Readings of these episodes, and what replays them."""
         seen = self.context.observation
@@ -202,16 +204,10 @@ class ReadingsSearch:
         )
         return [Event("narrowed", name, float(low), float(high), why) for name, low, high in ends]
 
-    def detect(self, frames: np.ndarray) -> None:
-        return None
-
-    def tensors(self) -> dict[str, torch.Tensor]:
-        return {}
-
     def state(self) -> dict[str, Any]:
-        return {"stop_reason": self.stop_reason, "distribution": self.distribution.state()}
+        return {"stop_reason": self._stop_reason, "distribution": self.distribution.state()}
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
         """Only the result is kept: a round takes a minute or two."""
-        self.stop_reason = state["stop_reason"]
+        self._stop_reason = state["stop_reason"]
         self.distribution = self.distribution.with_state(state["distribution"])

@@ -1,19 +1,11 @@
 """Turns fits to joint readings into an estimate with intervals and warnings."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit import (
-    OutputErrorFit,
-    bound_warnings,
-    correlated_pairs,
-    delay_warnings,
-    timestep_warning,
-    too_late_warning,
-)
+from simtune.fit import OutputErrorFit, bound_warnings, correlated_pairs
 from simtune.fit.lateness import is_too_late
 from simtune.fit.readings.replay_objective import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
@@ -23,14 +15,8 @@ from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
-from simtune.tuning.readings_agreement import BestDescent, unexplained, untested
-from simtune.tuning.readings_warnings import (
-    bounds_warnings,
-    carried_warning,
-    end_warnings,
-    misfit_warnings,
-    unseen_warning,
-)
+from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
+from simtune.tuning.readings.warnings import Unmeasured, all_warnings
 from simtune.tuning.survival_curves import normal_curves
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
@@ -39,14 +25,13 @@ _UNKNOWN_STD = 1.0  # of parameters that only pictures show
 _SMALL = 1e-4  # in unit coordinates
 _HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
 _MAINLY = 0.5  # share of what a parameter changes
-_NEARLY_ALL = 0.8  # of the readings
 # Factor on errors if no second fit says whether there are several minima, once more if that one
 # does not explain what is read, and if a base's speed is unknown where parts begin: on a robot that
 # balances on wheels, fits crept along a valley and ended 2 to 4 standard deviations from the truth
 _UNSURE = 3.0
 
 
-class ReadingsFit(NamedTuple):
+class ReadingsResult(NamedTuple):
     """What D readings tell of parameters, and how far that can be trusted."""
 
     estimate: Estimate
@@ -65,30 +50,23 @@ def conclude(
     found: BestDescent,
     first: Distribution,
     observation: ObservationModel,
-    late: int,
+    latency_steps: int,
     step_s: float,
-    unseen: Sequence[str] = (),
-    carried: Sequence[str] = (),
-) -> ReadingsFit:
+    unmeasured: Unmeasured,
+) -> ReadingsResult:
     """What a fit within the `first` range tells, and how far it can be trusted.
 
-    `late`: steps by which actions were found to be late; `unseen`: joints that begin anywhere and
-    that no sensor measures; `carried`: those of bases, if episodes are fitted in parts.
+    `latency_steps`: by which actions were found to be late.
     """
-    late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
-    space = first.space
-    sensors = joints_of(observation.sensors)
+    space, sensors = first.space, joints_of(observation.sensors)
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
-    reasons = int(not found.is_sure) * (1 + int(off.any())) + bool(carried)
+    reasons = int(not found.is_sure) * (1 + int(off.any())) + bool(unmeasured.carried)
     std, correlation = _errors(judged, found, space, observation, _UNSURE**reasons)
     read, seen = _read(judged.unit, std, first)
     is_in_time = not is_too_late(judged.late_steps[0])
+    is_sure = found.is_sure and is_in_time and not any(unmeasured)
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
-    is_sure = found.is_sure and is_in_time and not unseen and not carried
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
-    is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
-    # What the timestep changes by more than all other errors
-    by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
     doubtful[~space.is_appearance] |= judged.shares[:, off | may_be_off].sum(1) > _MAINLY
     estimate = replace(
         read,
@@ -96,23 +74,16 @@ def conclude(
         verdict=at_most_weak(read.verdict, doubtful),
         correlation=correlation,
         correlations=correlated_pairs(correlation, space),
-        warnings=[
-            *([unseen_warning(unseen)] if unseen else []),
-            *([carried_warning(carried)] if carried else []),
-            *delay_warnings("readings", late, *late_s, step_s),
-            *([] if is_in_time else [too_late_warning("Readings", late_s[0])]),
-            *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
-            *([] if unseen else end_warnings(found)),
-            *misfit_warnings(off, may_be_off, observation),
-            *bounds_warnings(at_bounds, is_futile=is_futile),
-        ],
+        warnings=all_warnings(
+            judged, found, space, observation, latency_steps, step_s, unmeasured, std
+        ),
         start=None if judged.start is None else judged.start.tolist(),
-        latency_steps=late,
-        readings_late_s=late_s,
+        latency_steps=latency_steps,
+        readings_late_s=(judged.late_steps[0] * step_s, judged.late_steps[1] * step_s),
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )
     is_trusted = is_sure and not off.any()
-    return ReadingsFit(estimate, seen, is_trusted, is_in_time, found, judged.noise)
+    return ReadingsResult(estimate, seen, is_trusted, is_in_time, found, judged.noise)
 
 
 def _read(unit: np.ndarray, std: np.ndarray, first: Distribution) -> tuple[Estimate, Distribution]:

@@ -1,0 +1,135 @@
+"""Things that begin elsewhere in simulated worlds than on film, so that hardly anything shows them.
+
+A thing is a kinematic tree: a robot, or an object that nothing holds.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from simtune.before_after.moving_parts import part_name
+from simtune.checking.extents import across, corners_px
+from simtune.columns import counted
+from simtune.parameters import Parameter
+from simtune.simulation import Simulator
+from simtune.simulation.loose_objects import gliding_joints, loose_joints
+
+_STARTS = 64  # drawn
+_HARDLY = 0.1  # of them
+_SEEN_PX = 0.05  # across
+_MOVED = 0.005  # of the model's extent
+_SELDOM = 0.5  # of the episodes
+_OWNERS = {"geom": "geom_bodyid", "jnt": "jnt_bodyid", "dof": "jnt_bodyid", "site": "site_bodyid"}
+
+
+def out_of_sight(simulator: Simulator, seed: int) -> dict[str, str]:
+    """{parameter: what hides it} of things that are hardly ever in a first picture."""
+    model, trees = simulator.model, _trees_of_parameters(simulator)
+    if not simulator.views or not trees:
+        return {}
+    worlds = np.tile(simulator.space.nominal, (_STARTS, 1))
+    starts = simulator.begin(worlds, np.random.default_rng((seed, 7))).states[:, 0]
+    seen = dict[int, np.ndarray]()
+    for (body, _), pixels in corners_px(simulator, starts, simulator.views).items():
+        tree = int(model.body_treeid[body])
+        seen[tree] = seen.get(tree, np.zeros(_STARTS, bool)) | (across(pixels) > _SEEN_PX)
+    outside = {tree: int((~its).sum()) for tree, its in seen.items() if its.mean() <= _HARDLY}
+    return {
+        name: f"{_thing(model, tree)} is outside the picture in {outside[tree]} of {_STARTS} "
+        "simulated starts"
+        for name, tree in trees.items()
+        if tree in outside
+    }
+
+
+def elsewhere_warnings(
+    simulator: Simulator,
+    states: np.ndarray,
+    hidden: Mapping[str, str],
+    parameters: Mapping[str, Mapping[str, Any]],
+    *,
+    are_recorded: bool,
+) -> list[str]:
+    """On parameters that do not show, but might if things began as on film.
+
+    In nominal (E, T + 1, S) states. `hidden`: as `out_of_sight` says; `parameters`: conclusions on
+    each; `are_recorded`: whether the states are of recorded actions.
+    """
+    unshown = [name for name, its in parameters.items() if its["verdict"] == "does not show"]
+    by_thing = dict[str, list[str]]()
+    for name in unshown:
+        if name in hidden:
+            by_thing.setdefault(hidden[name], []).append(name)
+    found = [
+        f"{says}, so hardly anything tells of {', '.join(its)}: does [initial_state] say where it "
+        "begins, and is the camera's pose right?"
+        for says, its in by_thing.items()
+    ]
+    others = [name for name in unshown if name not in hidden]
+    is_filmed = are_recorded and bool(simulator.views)
+    return found + (_seldom_moved(simulator, states, others) if is_filmed else [])
+
+
+def _seldom_moved(simulator: Simulator, states: np.ndarray, names: Sequence[str]) -> list[str]:
+    """On loose objects of these parameters that the recorded actions seldom move.
+
+    Simulated worlds begin with them anywhere, the film perhaps where the robot meets them.
+    """
+    model, trees = simulator.model, _trees_of_parameters(simulator)
+    positions = simulator.state_space.positions_and_velocities(states)
+    found = []
+    for tree in sorted(_loose_trees(model) if len(states) else ()):
+        its = [n for n in names if trees.get(n) == tree and not simulator.space[n].is_appearance]
+        places = positions[..., _places(model, tree)]
+        moves = np.linalg.norm(places - places[:, :1], axis=-1).max(1) > _MOVED * model.stat.extent
+        is_spread = bool(np.ptp(places[:, 0], axis=0).any())
+        if its and is_spread and moves.mean() <= _SELDOM:
+            found.append(
+                f"{', '.join(its)}: the recorded actions move {_thing(model, tree)} in "
+                f"{int(moves.sum())} of {counted(len(states), 'simulated episode')}, which begin "
+                "with it somewhere else than the film; if they move it there, more shows than is "
+                "said here: give its start in [initial_state] more narrowly"
+            )
+    return found
+
+
+def _trees_of_parameters(simulator: Simulator) -> dict[str, int]:
+    """{parameter: the one thing that it is of}."""
+    found = dict[str, int]()
+    for parameter in simulator.space.parameters:
+        trees = {int(simulator.model.body_treeid[b]) for b in _bodies(simulator.model, parameter)}
+        if len(trees) == 1 and (tree := trees.pop()) >= 0:
+            found[parameter.name] = tree
+    return found
+
+
+def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[int]:
+    prefix, kind = parameter.field_info.prefix, parameter.field_info.object_type
+    if kind is None or prefix not in (*_OWNERS, "body"):
+        return []
+    ids = [mujoco.mj_name2id(model, kind.mjt, name) for name in parameter.objects]
+    return ids if prefix == "body" else getattr(model, _OWNERS[prefix])[ids].tolist()
+
+
+def _thing(model: mujoco.MjModel, tree: int) -> str:
+    """What a tree is called: its first body."""
+    return part_name(model, int(np.flatnonzero(model.body_treeid == tree)[0]))
+
+
+def _loose_trees(model: mujoco.MjModel) -> set[int]:
+    joints = [*loose_joints(model), *gliding_joints(model)]
+    return set(model.body_treeid[model.jnt_bodyid[joints]].tolist())
+
+
+def _places(model: mujoco.MjModel, tree: int) -> list[int]:
+    """Among positions, the coordinates in metres of a loose object."""
+    places = list[int]()
+    for joint in np.flatnonzero(model.body_treeid[model.jnt_bodyid] == tree):
+        at, kind = int(model.jnt_qposadr[joint]), model.jnt_type[joint]
+        if kind == mujoco.mjtJoint.mjJNT_FREE:
+            places += range(at, at + 3)
+        elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
+            places.append(at)
+    return places

@@ -1,0 +1,1 @@
+"""Search by joint readings alone; also before videos are looked at."""
