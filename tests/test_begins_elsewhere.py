@@ -60,7 +60,7 @@ def told(load, place: str, verdict: str = "does not show", are_recorded: bool = 
     states = simulator.roll_out(worlds, np.ones((8, 20, 1)), rng).states
     said = {name: {"verdict": verdict} for name in simulator.space.names}
     hidden = out_of_sight(simulator, 0)
-    return elsewhere_warnings(simulator, states, hidden, said, are_recorded=are_recorded)
+    return elsewhere_warnings(simulator, states, hidden, said, 0, are_recorded=are_recorded)
 
 
 def test_a_thing_that_begins_out_of_sight_is_named_once_with_all_that_it_hides(load):

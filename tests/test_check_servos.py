@@ -133,6 +133,17 @@ def test_rows_lost_at_random_are_no_noise(share):
     assert roughness([read]) == pytest.approx(1e-3, rel=0.35)
 
 
+@pytest.mark.parametrize("held", [2, 3])
+@pytest.mark.parametrize("share", [0.05, 0.1])
+def test_rows_lost_of_held_readings_are_no_noise(held, share):
+    """A held reading is older than its row: beside a lost one the distance was another."""
+    rng = np.random.default_rng(1)
+    own = 0.5 * np.sin(0.1 * np.arange(0, 1200, held)) + 1e-3 * rng.normal(size=1200 // held)
+    read = np.repeat(own, held)
+    read[rng.random(1200) < share] = np.nan
+    assert 0.7e-3 < roughness([read]) < 1.8e-3
+
+
 @pytest.mark.parametrize(("per_row", "noise"), [(0.25, 1e-3), (0.42, 1e-2)])
 def test_motion_that_only_the_highest_order_tells_from_noise_is_none(per_row, noise):
     """Every other row would show motion, less in each higher order: it was two or three times."""

@@ -318,6 +318,10 @@ def test_a_change_beside_the_environment_is_noticed(tmp_path):
     assert len(set(seen)) == 4
 
 
+def _needs_another_version(**_: object) -> None:
+    exec("from numpy import no_such_thing", {})
+
+
 def test_files_that_name_no_environment_are_refused(tmp_path):
     text = (EXAMPLE / "tune.toml").read_text()
     (tmp_path / "env.py").write_text((EXAMPLE / "env.py").read_text())
@@ -335,6 +339,9 @@ def test_files_that_name_no_environment_are_refused(tmp_path):
     gymnasium.register("Lacking-v0", lambda **_: importlib.import_module(package))
     lacking = text.replace("env.py:BouncingBall", "Lacking-v0")
     assert f"Lacking-v0 needs the Python package {package}, which is" in refused(lacking, tmp_path)
+    gymnasium.register("Older-v0", _needs_another_version)
+    older = text.replace("env.py:BouncingBall", "Older-v0")
+    assert "Older-v0 cannot be made: cannot import name" in refused(older, tmp_path)
     without_py = text.replace("env.py:BouncingBall", "env:BouncingBall")
     assert "gymnasium does not know env:BouncingBall" in refused(without_py, tmp_path)
 

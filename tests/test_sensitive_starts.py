@@ -63,12 +63,13 @@ def test_an_error_of_a_start_grows_as_the_equation_of_motion_says(tmp_path, heig
     np.testing.assert_allclose(growth, grows(RATE * steps * 0.05), rtol=0.02)
 
 
-def test_a_joint_that_turns_on_and_on_is_not_astray(tmp_path):
+@pytest.mark.parametrize("push", [50.0, -50.0])
+def test_a_joint_that_turns_on_and_on_is_not_astray(tmp_path, push):
     """At 50 rad/s² on average, after 8 s at 1600 rad."""
     task = pole(tmp_path, 1.0, 200)
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
     nominal = task.parameters.nominal
-    replayed = ReplayedReadings(simulator, seen, nominal, np.full((1, 200, 1), 50.0))
+    replayed = ReplayedReadings(simulator, seen, nominal, np.full((1, 200, 1), push))
     changes = replayed.changes(1.2 * nominal[None], np.array([1e-3]))
     assert changes.rms[0, 0] > 100, "a heavier one turns less"
 

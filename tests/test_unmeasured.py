@@ -208,7 +208,7 @@ def test_bases_are_what_carries_measured_joints_and_is_not_measured():
 def test_a_stretch_that_explodes_has_no_derivative():
     changes = np.zeros((2, 3, 4, 1))
     changes[0, 1, 2], changes[1, 2, 3], changes[1, 0, 0] = 1e9, np.nan, 3.0
-    kept = _unless_exploded(changes, np.full((1, 3, 1, 1), 100.0))
+    kept = _unless_exploded(changes, np.full((3, 1, 1), 100.0))
     assert not kept[0].any()
     assert not kept[1, 2].any()
     assert kept[1, 0, 0] == 3.0
@@ -224,10 +224,13 @@ def test_a_flywheel_that_turns_far_has_derivatives(tmp_path):
     tune = tune.replace('"arm"', '"wheel"').replace('"kp"', '"damping"').replace("servo", "wheel")
     loop = loop_of(tmp_path, scene, tune.replace('"gain"', '"damping"'))
     actions = np.full((1, 1500, 1), 0.1)
-    readings = Readings(actions, np.zeros((1, 1501, 1)))
+    rest = Readings(actions, np.zeros((1, 1501, 1)))
     unit = loop.physics.parameters.to_unit(np.array([1e-4]))
-    whole = loop.cut(readings, unit, np.zeros(1))
+    whole = loop.cut(rest, unit, np.zeros(1))
     std = np.ones(len(loop.measured.start_tangents))
     slopes = differentiate(loop, DifferencePoint(whole, whole.states, unit, std))
+    assert not slopes.by_parameter.any(), "what was read hardly moved"
     assert np.ptp(slopes.predicted) > 1e4
+    turned = whole._replace(values=slopes.predicted)
+    slopes = differentiate(loop, DifferencePoint(turned, whole.states, unit, std))
     assert np.abs(slopes.by_parameter).max() * 5e-3 > 100

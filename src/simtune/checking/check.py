@@ -56,7 +56,12 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
     reasons = unfelt_frictions(simulator, states) | hidden
     concluded = conclude(task.parameters, sensitivity, reasons)
     warnings = joints_at_limits(simulator, states) + elsewhere_warnings(
-        simulator, states, hidden, concluded["parameters"], are_recorded=bool(config.real)
+        simulator,
+        states,
+        hidden,
+        concluded["parameters"],
+        config.seed,
+        are_recorded=bool(config.real),
     )
     if seen.cameras:
         verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}

@@ -55,6 +55,6 @@ def expected_precision(
     states, hidden = nominal_states(simulator, actions, seed), out_of_sight(simulator, seed)
     reasons = unfelt_frictions(simulator, states) | hidden
     said = conclude(simulator.space, sensitivity, reasons)["parameters"]
-    warnings += elsewhere_warnings(simulator, states, hidden, said, are_recorded=bool(names))
+    warnings += elsewhere_warnings(simulator, states, hidden, said, seed, are_recorded=bool(names))
     kept = plain({name: {k: p[k] for k in _KEPT if k in p} for name, p in said.items()})
     return ExpectedPrecision(kept, warnings)

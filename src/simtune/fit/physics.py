@@ -10,12 +10,14 @@ from simtune.budget import Budget
 from simtune.simulation import Simulator, StateSpace
 from simtune.simulation.held_controls import given
 
-_NOTHING_LIKE_IT = -1e3  # what a diverged world predicts, in any unit
+# What a diverged world predicts, in any unit; no joint that turns on and on reads just this
+_NOTHING_LIKE_IT = -1e3 - 1 / 7
+_EXACTLY = 1e-9  # but for the rounding of interpolations
 
 
 def is_lost(predicted: np.ndarray) -> np.ndarray:
     """(...) bool of (..., K, D) predictions: whether the world diverged within the K steps."""
-    return np.any((predicted <= 0.999 * _NOTHING_LIKE_IT).all(-1), axis=-1)
+    return np.any(np.isclose(predicted, _NOTHING_LIKE_IT, _EXACTLY, 0.0).all(-1), axis=-1)
 
 
 class Physics:

@@ -12,6 +12,7 @@ Beyond gymnasium's usual interface, an environment must provide:
 Pictures that are not square are cut to their central square.
 """
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -37,7 +38,8 @@ def blame_environment(what: str) -> Iterator[None]:
         with blame(what):
             yield
     except InputError as error:
-        if not any(word in str(error) for word in _NO_CONTEXT):
+        is_set = "MUJOCO_GL" in os.environ or isinstance(error.__cause__, ImportError)
+        if is_set or not any(word in str(error) for word in _NO_CONTEXT):
             raise
         raise InputError(
             f"{error}; without a display, MuJoCo's OpenGL needs MUJOCO_GL=egl (or osmesa) in the "

@@ -140,11 +140,11 @@ class FitStage:
         actions = np.stack([t.actions for t in first]).astype(float)
         frames = [t.frames for t in first]  # views, not copies: there may be many
         substeps = self._simulator.num_substeps
-        lateness = Lateness.of_pictures(evidence, substeps) if self._most_late else None
+        lateness = Lateness.of_pictures(evidence, substeps) if self._max_latency_steps else None
         return Observed(evidence, actions, frames, lateness)
 
     @property
-    def _most_late(self) -> int:
+    def _max_latency_steps(self) -> int:
         return self.context.observation.unknown_latency_steps(self._simulator)
 
     def fit(
@@ -159,7 +159,7 @@ class FitStage:
 
         Raises OutOfTime as soon as `budget` is over.
         """
-        most = self._most_late if finds_latency else 0
+        most = self._max_latency_steps if finds_latency else 0
         replay_fit = self.replay_fit.within(budget)
         return replay_fit.fit(observed, start, range(most + 1), extend_horizon)
 

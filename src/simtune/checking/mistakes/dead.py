@@ -12,27 +12,43 @@ from simtune.simulation import Simulator
 from simtune.simulation.servos import actuator_name, motors
 
 _FEWEST_S = 1.0  # of readings: a joint may rest for less
+_NOTABLY = 0.1  # of an action's range
+_NEAR = 0.02  # of a joint's range
 
 
 def dead_encoders(
     readings: Readings, simulator: Simulator, sensors: Sequence[JointSensor]
 ) -> list[str]:
-    """On joints that read exactly the same while actions of their motors change."""
+    """On joints that read exactly the same, away from their limits, while actions of their motors
+    change.
+    """
     pushed, found = _pushed(readings.actions, simulator), []
     for sensor, column, its in by_column(sensors, readings.values):
         joint, known = sensor.joints[column], its[np.isfinite(its)]
         is_long = len(known) * simulator.step_s >= _FEWEST_S
-        if joint in pushed and is_long and np.ptp(known) == 0:
+        if joint not in pushed or not is_long or np.ptp(known) > 0:
+            continue
+        if sensor.is_velocity or not _is_at_limit(simulator.model, joint, known[0]):
             says = f"{joint} reads {known[0]:.4g} {sensor.unit} all the time, while the actions of "
             asks = "is the sensor stuck, another column meant, or the motor off?"
             found.append(Doubt(f"{says}{pushed[joint]} change: {asks}", asks, joint))
     return grouped(found)
 
 
+def _is_at_limit(model: mujoco.MjModel, name: str, place: float) -> bool:
+    """Whether a joint may rest there however it is pushed, such as a gripper that is closed."""
+    joint = model.joint(name)
+    near = _NEAR * np.ptp(joint.range)
+    return bool(joint.limited[0]) and not joint.range[0] + near < place < joint.range[1] - near
+
+
 def _pushed(actions: np.ndarray, simulator: Simulator) -> dict[str, str]:
     """{joint: its motor}, of motors whose (E, T, A) actions change."""
     model, names = simulator.model, simulator.action_mapping.names
-    changes = {name for name, its in zip(names, actions.T, strict=True) if np.ptp(its) > 0}
+    mapping = simulator.action_mapping
+    enough = np.where(mapping.is_limited, _NOTABLY * np.ptp(mapping.range, axis=1), 0.0)
+    changed = zip(names, np.ptp(actions, axis=(0, 1)) > enough, strict=True)
+    changes = {name for name, does in changed if does}
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT.value
     return {
         model.joint(model.actuator_trnid[i, 0]).name: name

@@ -67,9 +67,9 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
         if left <= _WELL or not tried:
             break
         less, best, others = replays.best(readings, tried)
-        left = min(left, replays.left_by_other_sizes(readings))
-        first = left if not found else first
-        if left <= _WELL or less > _BETTER * left:
+        least = min(left, replays.left_by_other_sizes(readings))
+        first = least if not found else first
+        if least <= _WELL or less > _BETTER * least:
             break
         less, best, _ = replays.best(readings, best.nearby())
         before = found.get(best.says, _Found(0.0, []))

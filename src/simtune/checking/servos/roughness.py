@@ -16,6 +16,8 @@ _MOST_ROWS = 4  # of which one is taken
 _MOTION = 4.0
 _LEVEL = 1.25  # ratio of the two orders that leave least: motion leaves less in each higher one
 
+_ENOUGH = 20  # differences
+
 _Read = Sequence[tuple[np.ndarray, np.ndarray]]  # rows and readings of each episode
 
 
@@ -71,12 +73,20 @@ def _by_order(read: _Read) -> tuple[float, float]:
 
 
 def _sizes(read: _Read, order: int) -> np.ndarray:
-    """Of all differences of one order, as large as the noise of one reading would make them."""
-    found = []
+    """Of all differences of one order, as large as the noise of one reading would make them.
+
+    Where enough of them are of readings at equal distances, of these alone: a held reading is older
+    than its row, so beside a lost row its distance is not what it seems.
+    """
+    sizes, is_even = list[np.ndarray](), list[np.ndarray]()
+    gaps = np.concatenate([np.diff(rows) for rows, _ in read])
+    usual = np.median(gaps) if len(gaps) else 0.0
     for rows, values in read:
         num = max(0, len(rows) - order)
         at = [rows[i : i + num] for i in range(order + 1)]
         weights = [1.0 / np.prod([t - u for u in at if u is not t], 0) for t in at]
         away = sum(w * values[i : i + num] for i, w in enumerate(weights))
-        found.append(np.abs(away) / np.sqrt(sum(np.square(w) for w in weights)))
-    return np.concatenate(found)
+        sizes.append(np.abs(away) / np.sqrt(sum(np.square(w) for w in weights)))
+        is_even.append(at[-1] - at[0] == order * usual)
+    found, even = np.concatenate(sizes), np.concatenate(is_even)
+    return found[even] if even.sum() >= _ENOUGH else found

@@ -114,7 +114,7 @@ def _changed(
     predicted, _ = loop.play(at.stretches, states, units)
     here, there, beyond = np.split(predicted, [1, 1 + num_groups])
     others = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:twice])
-    most = _EXPLODED * np.maximum(np.ptp(here, axis=2, keepdims=True), 1.0)
+    most = _EXPLODED * np.maximum(at.stretches.travel[:, None], 1.0)
     return here[0], _unless_exploded(there - here, most), _unless_exploded(others, most)
 
 
@@ -122,7 +122,7 @@ def _unless_exploded(changes: np.ndarray, most: np.ndarray) -> np.ndarray:
     """(G, W, K + 1, D) changes, 0 in stretches where a small step changes a reading by `most`.
 
     As of worlds that explode, which tell nothing, and whose squares outgrow all others. A flywheel
-    turns far. `most`: (1, W, 1, D).
+    turns far. `most`: (W, 1, D).
     """
     exploded = ~(np.abs(changes) < most).all((2, 3), keepdims=True)
     return np.where(exploded, 0.0, changes)

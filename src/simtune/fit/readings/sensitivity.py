@@ -121,7 +121,7 @@ class ReplayedReadings:
         starts = np.repeat(self._stretches.states[None], len(worlds), 0)
         predicted, _ = self._loop.play(self._stretches, starts, worlds)
         moved = np.abs(predicted - predicted[:, :, :1])
-        too_far = np.maximum(_TOO_FAR, _MUCH_FARTHER * self._travel)
+        too_far = np.maximum(_TOO_FAR, _MUCH_FARTHER * self._stretches.travel.max(0))
         kept = np.asarray((moved < too_far).all((0, 2, 3)) & ~is_lost(predicted).any(0))
         if not kept.any():
             raise RuntimeError(_ASTRAY)
@@ -143,13 +143,6 @@ class ReplayedReadings:
             information_at_best=least[0] if least else None,
             growth=grown,
         )
-
-    @property
-    def _travel(self) -> np.ndarray:
-        """(D,) how far readings are apart, in any of the replayed stretches; 0 where none are."""
-        values = self._stretches.values
-        low, high = (np.where(np.isfinite(values), values, end) for end in (np.inf, -np.inf))
-        return np.maximum(high.max(1) - low.min(1), 0).max(0)
 
     def _share(self, stretches: Stretches) -> float:
         """How many times as many frames there are in all as in these."""

@@ -75,6 +75,14 @@ class Stretches(NamedTuple):
         )
 
     @property
+    def travel(self) -> np.ndarray:
+        """(W, D) how far readings are apart; 0 where none are."""
+        low, high = (
+            np.where(np.isfinite(self.values), self.values, end) for end in (np.inf, -np.inf)
+        )
+        return np.maximum(high.max(1) - low.min(1), 0.0)
+
+    @property
     def longest(self) -> int:
         """Steps after which no reading follows, and one more, since a lateness is interpolated."""
         known = np.isfinite(self.values).any((0, 2))

@@ -25,11 +25,11 @@ def constant_sky(model: mujoco.MjModel, camera: str, size: tuple[int, int]) -> n
     content = np.empty(mujoco.mj_sizeModel(alone), np.uint8)
     mujoco.mj_saveModel(alone, None, content)
     key = hashlib.sha256(content.tobytes()).digest(), size, str(warp.get_device())
-    if key not in _SKIES:
-        if len(_SKIES) == _MOST_SKIES:
-            del _SKIES[next(iter(_SKIES))]
-        _SKIES[key] = _draw(alone, size)
-    return _SKIES[key]
+    if (sky := _SKIES.get(key)) is None:
+        if len(_SKIES) >= _MOST_SKIES:
+            _SKIES.clear()
+        sky = _SKIES[key] = _draw(alone, size)
+    return sky
 
 
 def _draw(alone: mujoco.MjModel, size: tuple[int, int]) -> np.ndarray:

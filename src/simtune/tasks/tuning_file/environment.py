@@ -79,14 +79,16 @@ def _registered(named: str) -> Any:
         raise InputError(f"{named} needs gymnasium: pip install gymnasium") from None
     try:
         return gymnasium.make(named, render_mode="rgb_array", disable_env_checker=True)
-    except gymnasium.error.DependencyNotInstalled as error:
-        raise InputError(f"{named} cannot be made: {error}") from None
     except (gymnasium.error.Error, ImportError) as error:
-        if missing := getattr(error, "name", None):  # a module that the environment imports
+        is_missing = isinstance(error, ModuleNotFoundError)
+        if is_missing and error.name:  # else gymnasium's own, of an id with a module
             raise InputError(
-                f"{named} needs the Python package {missing}, which is not installed: pip install "
-                "it, or the extra that has it, such as gymnasium[mujoco]"
+                f"{named} needs the Python package {error.name}, which is not installed: pip "
+                "install it, or the extra that has it, such as gymnasium[mujoco]"
             ) from None
+        of_code = gymnasium.error.DependencyNotInstalled, ImportError
+        if isinstance(error, of_code) and not is_missing:
+            raise InputError(f"{named} cannot be made: {error}") from None
         raise InputError(
             f"gymnasium does not know {named} ({error}); expected an id of its, or FILE.py:NAME"
         ) from None
