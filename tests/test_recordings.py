@@ -864,7 +864,7 @@ def test_timestamps_overlap(dataset: Path):
     edit_table(dataset / EPISODES, lambda rows: [rows[0], rows[1] | {key: 0.3}, rows[2]])
     assert message(dataset) == (
         f"HERE/{VIDEO}: episode 1 starts at 0.3 s, before episode 0 ends; "
-        "the timestamps in meta/episodes are wrong"
+        "the timestamps in meta/episodes are wrong, or the 10 fps of meta/info.json"
     )
 
 

@@ -930,6 +930,17 @@ def test_actions_in_other_units_are_warned_of(load):
     assert "actions of elbow go from -5000 to 5000, beyond the model's range of -100 to 100" in said
 
 
+def test_actions_in_degrees_are_called_so(load):
+    task = load(HEAD + "[actions]\nactuators = ['shoulder', 'elbow']\n" + MASS)
+    low, high = task.load_actions().range[0]
+    actions = np.array([[0.9 * low, 0], [0.9 * high, 0]] * 20, np.float32)
+    facts = {"control_hz": 1 / task.step_s, "cameras": []}
+    assert not [said for said in warnings(task, facts, [actions], 1) if "degrees" in said]
+    said, *_ = warnings(task, facts, [np.rad2deg(actions)], 1)
+    assert "such as degrees? Then" in said
+    assert "gain = 0.0174533" in said
+
+
 def test_actions_in_other_units_share_a_line(load):
     task = load(HEAD + "[actions]\nactuators = ['shoulder', 'elbow']\n" + MASS)
     actions = 5000 * np.linspace(-1, 1, 40, dtype=np.float32)[:, None].repeat(2, 1)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -14,6 +15,7 @@ from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.unmeasured import bases
 from simtune.real.observed import observed
 from simtune.tasks import load_task
+from simtune.tuning.readings.warnings import _of_misfit
 
 STEPS, ARM, BLOCK = 60, 0, 1
 SCENE = """
@@ -166,7 +168,9 @@ def test_what_is_out_of_reach_does_not_go_on(tmp_path, joint):
     for place, goes_on in ((anywhere, False), (same if joint == FREE else "[0, 0]", True)):
         start = f'{{kind = "distribution", joints = {{block = {{position = {place}}}}}}}'
         tune = TUNE.replace('{kind = "keyframe", keyframe = "begin"}', start)
-        assert loop_of(tmp_path, scene, tune).measured.goes_on.any() == goes_on
+        loop = loop_of(tmp_path, scene, tune)
+        assert loop.measured.goes_on.any() == goes_on
+        assert loop.left_out == (() if goes_on else ("block",))
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity"])
@@ -234,3 +238,11 @@ def test_a_flywheel_that_turns_far_has_derivatives(tmp_path):
     turned = whole._replace(values=slopes.predicted)
     slopes = differentiate(loop, DifferencePoint(turned, whole.states, unit, std))
     assert np.abs(slopes.by_parameter).max() * 5e-3 > 100
+
+
+@pytest.mark.parametrize("left_out", [(), ("cube",)])
+def test_what_is_left_out_is_named_where_readings_are_not_explained(pushed, left_out):
+    seen = SimpleNamespace(sensors=pushed[0].sensors, reading_labels=("place",))
+    (said,) = _of_misfit(np.array([0.1]), seen, left_out)  # pyright: ignore[reportArgumentType]
+    assert ("Nothing touches cube in these replays" in said) == bool(left_out)
+    assert _of_misfit(np.array([0.001]), seen, left_out) == []  # pyright: ignore[reportArgumentType]

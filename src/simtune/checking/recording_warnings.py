@@ -148,6 +148,10 @@ def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:
     ]
 
 
+_DEGREES, _FAR_BEYOND = 180 / np.pi, 5.0
+_AS_DEGREES = ', such as degrees? Then mapping = "scaled" and gain = 0.0174533 in [actions]'
+
+
 def _plain(name: str) -> str:
     """A name without what recorders add to it."""
     return name.lower().removesuffix(".pos").removeprefix("main_").replace("/", "_")
@@ -160,9 +164,12 @@ def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
         name, (least, most) = mapping.names[i], mapping.range[i]
         slack = 1e-3 * (most - least)
         if mapping.is_limited[i] and (low < least - slack or high > most + slack):
+            is_turn = low > _DEGREES * (least - slack) and high < _DEGREES * (most + slack)
+            may_be = is_turn and max(-low, high) > _FAR_BEYOND * max(-least, most)
             says = (
                 f"actions of {name} go from {low:.4g} to {high:.4g}, beyond the model's range of "
-                f"{least:g} to {most:g}, which cuts them off; are they in other units?"
+                f"{least:g} to {most:g}, which cuts them off; are they in other units"
+                + (_AS_DEGREES if may_be else "?")
             )
             far.append(Doubt(says, "range", name))
         if high - low <= 1e-6 * max(1.0, abs(high)):

@@ -52,6 +52,15 @@ class OpenLoopReplay:
         return bases(model, places, self.measured.goes_on)
 
     @property
+    def left_out(self) -> tuple[str, ...]:
+        """Bodies of objects that begin anywhere, which nothing touches in replays."""
+        model, measured = self.physics.simulator.model, self.measured
+        places = model.jnt_qposadr
+        joints = np.flatnonzero(measured.is_loose_position[places] & ~measured.goes_on[places])
+        bodies = dict.fromkeys(model.jnt_bodyid[joints].tolist())
+        return tuple(model.body(body).name or model.joint(joints[0]).name for body in bodies)
+
+    @property
     def physics(self) -> Physics:
         return self.measured.physics
 

@@ -89,7 +89,8 @@ def _set_ends(episodes: dict[int, Episode], fps: float) -> None:
         if after.from_s < before.from_s + (before.num_rows - MOST_UNFILMED - 0.5) / fps:
             raise InputError(
                 f"{after.video_file}: episode {after.index} starts at {after.from_s:g} s, before "
-                f"episode {before.index} ends; the timestamps in meta/episodes are wrong"
+                f"episode {before.index} ends; the timestamps in meta/episodes are wrong, or the "
+                f"{fps:g} fps of meta/info.json"
             )
         episodes[before.index] = replace(before, until_s=after.from_s)
 

@@ -148,7 +148,7 @@ class ReadingsSearch(Search):
         seen = self.context.observation
         begin = found.best.objective.stretches.begin
         in_parts = begin is not None and bool(begin.any())
-        unmeasured = Unmeasured(loop.unseen, loop.bases if in_parts else ())
+        unmeasured = Unmeasured(loop.unseen, loop.bases if in_parts else (), loop.left_out)
         return conclude(judged, found, self.first, seen, latency_steps, step_s, unmeasured)
 
     def _find(

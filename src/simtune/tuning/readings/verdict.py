@@ -64,7 +64,8 @@ def conclude(
     std, correlation = _errors(judged, found, space, observation, _UNSURE**reasons)
     read, seen = _read(judged.unit, std, first)
     is_in_time = not is_too_late(judged.late_steps[0])
-    is_sure = found.is_sure and is_in_time and not any(unmeasured)
+    is_sure = found.is_sure and is_in_time
+    is_sure = is_sure and not unmeasured.unseen and not unmeasured.carried
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
     doubtful[~space.is_appearance] |= judged.shares[:, off | may_be_off].sum(1) > _MAINLY

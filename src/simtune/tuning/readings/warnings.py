@@ -46,6 +46,10 @@ _UNEXPLAINED = (
     "model lacks something, or the search ended beside the truth. Intervals count what is left, "
     "not why, so what mainly these readings show is not called identified."
 )
+_LEFT_OUT = (
+    " Nothing touches {} in these replays, since no sensor says where it is: if the robot pushes "
+    "it, leave out those episodes (--leave-out)."
+)
 _UNSEEN = (
     "Where {0} begins no sensor measures, and each episode may begin elsewhere: readings alone "
     "cannot be replayed from there, so nothing that they tell is called identified. Measure it, "
@@ -70,6 +74,7 @@ class Unmeasured(NamedTuple):
 
     unseen: tuple[str, ...] = ()  # those that begin anywhere
     carried: tuple[str, ...] = ()  # those of bases, if episodes are fitted in parts
+    left_out: tuple[str, ...] = ()  # loose objects, which nothing touches in replays
 
 
 def all_warnings(
@@ -83,7 +88,7 @@ def all_warnings(
     std: np.ndarray,
 ) -> list[str]:
     """Of a fit with errors of (N,) `std` in unit coordinates; the rest as in `conclude`."""
-    unseen, carried = unmeasured
+    unseen, carried, left_out = unmeasured
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     off = unexplained(judged.noise, joints_of(observation.sensors))
     is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
@@ -96,7 +101,7 @@ def all_warnings(
         *([too_late_warning("Readings", late_s[0])] if is_too_late(judged.late_steps[0]) else []),
         *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
         *([] if unseen else _of_end(found)),
-        *_of_misfit(judged.noise, observation),
+        *_of_misfit(judged.noise, observation, left_out),
         *_of_bounds(bound_warnings(space, judged.unit, np.ones(len(space), bool)), is_futile),
     ]
 
@@ -115,14 +120,17 @@ def _of_end(found: BestDescent) -> list[str]:
     return warnings
 
 
-def _of_misfit(noise: np.ndarray, observation: ObservationModel) -> list[str]:
+def _of_misfit(
+    noise: np.ndarray, observation: ObservationModel, left_out: Sequence[str]
+) -> list[str]:
     """Of readings whose residuals, (D,), are `unexplained`, and of those that are `untested`."""
     warnings, sensors = [], joints_of(observation.sensors)
     for said, which in ((_UNEXPLAINED, unexplained), (_UNTESTED, untested)):
         each = zip(observation.reading_labels, which(noise, sensors), strict=True)
         labels = [label for label, is_it in each if is_it]
         warnings += [said.format(", ".join(labels))] if labels else []
-    return warnings
+    also = _LEFT_OUT.format(cut(left_out, _MOST_NAMED)) if left_out else ""
+    return [warning + also for warning in warnings]
 
 
 def _of_bounds(at_bounds: Mapping[str, str], is_futile: bool) -> list[str]:
