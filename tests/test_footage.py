@@ -114,6 +114,10 @@ def test_lens_of_larger_pictures_holds_for_smaller_ones():
     assert np.abs(difference).max() <= 3
     with pytest.raises(InputError, match=r"640×360 pixels, the lens was calibrated with 640×480"):
         rectify(large[:360], WIDE, (32, 40))
+    side = Footage(name="side", key="observation.images.front", lens=WIDE)
+    said = r"camera side, filmed as observation\.images\.front: .* or the video of this camera"
+    with pytest.raises(InputError, match=said):
+        side.fit(large[:360], (32, 40))
 
 
 def test_lens_that_sees_no_whole_picture_is_refused():

@@ -72,7 +72,13 @@ class Footage:
         picture that the lens was not calibrated with.
         """
         if self.lens:
-            return rectify(picture, self.lens, size)
+            try:
+                return rectify(picture, self.lens, size)
+            except InputError as error:
+                film = f", filmed as {self.key}" if self.key else ""
+                raise InputError(
+                    f"camera {self.name or self.camera}{film}: {error}, or the video of this camera"
+                ) from None
         rows = picture.shape[0]
         return resize(picture, size, (rows, min(rows * size[1] / size[0], picture.shape[1])))
 
