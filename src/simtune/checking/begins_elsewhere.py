@@ -10,18 +10,15 @@ import mujoco
 import numpy as np
 
 from simtune.before_after.moving_parts import part_name
-from simtune.checking.extents import across, corners_px
+from simtune.checking.extents import OUT_OF_SIGHT_PX, across, bodies_of, corners_px
 from simtune.columns import counted
-from simtune.parameters import Parameter
 from simtune.simulation import Simulator
 from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
 _STARTS = 64  # drawn
 _HARDLY = 0.1  # of them
-_SEEN_PX = 0.05  # across
 _MOVED = 0.005  # of the model's extent
 _SELDOM = 0.5  # of the episodes
-_OWNERS = {"geom": "geom_bodyid", "jnt": "jnt_bodyid", "dof": "jnt_bodyid", "site": "site_bodyid"}
 
 
 def out_of_sight(simulator: Simulator, seed: int) -> dict[str, str]:
@@ -32,7 +29,7 @@ def out_of_sight(simulator: Simulator, seed: int) -> dict[str, str]:
     starts, seen = _starts(simulator, seed), dict[int, np.ndarray]()
     for (body, _), pixels in corners_px(simulator, starts, simulator.views).items():
         tree = int(model.body_treeid[body])
-        seen[tree] = seen.get(tree, np.zeros(_STARTS, bool)) | (across(pixels) > _SEEN_PX)
+        seen[tree] = seen.get(tree, np.zeros(_STARTS, bool)) | (across(pixels) > OUT_OF_SIGHT_PX)
     outside = {tree: int((~its).sum()) for tree, its in seen.items() if its.mean() <= _HARDLY}
     return {
         name: f"{_thing(model, tree)} is outside the picture in {outside[tree]} of {_STARTS} "
@@ -109,18 +106,10 @@ def _trees_of_parameters(simulator: Simulator) -> dict[str, int]:
     """{parameter: the one thing that it is of}."""
     found = dict[str, int]()
     for parameter in simulator.space.parameters:
-        trees = {int(simulator.model.body_treeid[b]) for b in _bodies(simulator.model, parameter)}
+        trees = {int(simulator.model.body_treeid[b]) for b in bodies_of(simulator.model, parameter)}
         if len(trees) == 1 and (tree := trees.pop()) >= 0:
             found[parameter.name] = tree
     return found
-
-
-def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[int]:
-    prefix, kind = parameter.field_info.prefix, parameter.field_info.object_type
-    if kind is None or prefix not in (*_OWNERS, "body"):
-        return []
-    ids = [mujoco.mj_name2id(model, kind.mjt, name) for name in parameter.objects]
-    return ids if prefix == "body" else getattr(model, _OWNERS[prefix])[ids].tolist()
 
 
 def _thing(model: mujoco.MjModel, tree: int) -> str:

@@ -16,9 +16,10 @@ from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
 
 _STEPS, _EPISODES = 12, 4  # used at most
 FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
-_OUT_OF_SIGHT_PX, _FEWEST_PX = 0.05, 0.1
+OUT_OF_SIGHT_PX, _FEWEST_PX = 0.05, 0.1
 _MULTIPLE_PX = 8  # of a proposed height
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
+_OWNERS = {"geom": "geom_bodyid", "jnt": "jnt_bodyid", "dof": "jnt_bodyid", "site": "site_bodyid"}
 
 
 def extents_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) -> dict[str, float]:
@@ -73,7 +74,7 @@ def small(
     return [
         _few_pixels(f"{', '.join(names)}: {body} is", extents[body], image_size)
         for body, names in unclear.items()
-        if _OUT_OF_SIGHT_PX < extents.get(body, 0.0) < FEW_PX
+        if OUT_OF_SIGHT_PX < extents.get(body, 0.0) < FEW_PX
     ]
 
 
@@ -107,13 +108,20 @@ def unclear_of(
 
 
 def _bodies(model: mujoco.MjModel, parameter: Parameter) -> list[str]:
-    """Names as in `extents_px`; empty for a parameter of no body."""
-    prefix = parameter.field_info.prefix
-    if prefix not in ("body", "geom"):
+    """Names as in `extents_px`; empty for a parameter of no body and no geom."""
+    if parameter.field_info.prefix not in ("body", "geom"):
         return []
-    ids = [getattr(model, prefix)(name).id for name in parameter.objects]
-    bodies = model.body_weldid[ids if prefix == "body" else model.geom_bodyid[ids]]
+    bodies = model.body_weldid[bodies_of(model, parameter)]
     return sorted({part_name(model, body) for body in bodies.tolist()})
+
+
+def bodies_of(model: mujoco.MjModel, parameter: Parameter) -> list[int]:
+    """Indices of the bodies that a parameter's objects are or are of; empty for one of no body."""
+    prefix, kind = parameter.field_info.prefix, parameter.field_info.object_type
+    if kind is None or prefix not in (*_OWNERS, "body"):
+        return []
+    ids = [mujoco.mj_name2id(model, kind.mjt, name) for name in parameter.objects]
+    return ids if prefix == "body" else getattr(model, _OWNERS[prefix])[ids].tolist()
 
 
 def _corners_of_parts(model: mujoco.MjModel, views: Sequence[View], image_size: int) -> Keypoints:

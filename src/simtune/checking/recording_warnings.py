@@ -17,6 +17,8 @@ from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
 
 _LATE = 0.3  # of a step: the simulator films exactly at each step's end
+_FAR_BEYOND = 5.0  # times a range: what may be degrees, not a clipped command
+_AS_DEGREES = ', such as degrees? Then mapping = "scaled" and gain = 0.0174533 in [actions]'
 _SPARE_S, _SPARE = 1.0, 0.2  # of the actions' time: a camera usually stops that soon after them
 
 
@@ -148,10 +150,6 @@ def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:
     ]
 
 
-_DEGREES, _FAR_BEYOND = 180 / np.pi, 5.0
-_AS_DEGREES = ', such as degrees? Then mapping = "scaled" and gain = 0.0174533 in [actions]'
-
-
 def _plain(name: str) -> str:
     """A name without what recorders add to it."""
     return name.lower().removesuffix(".pos").removeprefix("main_").replace("/", "_")
@@ -164,8 +162,10 @@ def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
         name, (least, most) = mapping.names[i], mapping.range[i]
         slack = 1e-3 * (most - least)
         if mapping.is_limited[i] and (low < least - slack or high > most + slack):
-            is_turn = low > _DEGREES * (least - slack) and high < _DEGREES * (most + slack)
-            may_be = is_turn and max(-low, high) > _FAR_BEYOND * max(-least, most)
+            begins, ends = np.rad2deg([least - slack, most + slack])
+            may_be = (
+                begins < low and high < ends and max(-low, high) > _FAR_BEYOND * max(-least, most)
+            )
             says = (
                 f"actions of {name} go from {low:.4g} to {high:.4g}, beyond the model's range of "
                 f"{least:g} to {most:g}, which cuts them off; are they in other units"

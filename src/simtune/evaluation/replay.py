@@ -12,6 +12,7 @@ from simtune.checking.replayed_contacts import in_words, touching
 from simtune.columns import cut
 from simtune.config import TuneConfig
 from simtune.errors import InputError
+from simtune.fit.readings.stretches import travel
 from simtune.observation import assumed_noise, finds_offset, joints_of
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
@@ -140,10 +141,7 @@ def _touching(replayed: Replayed, chosen: np.ndarray, names: Sequence[str]) -> s
 
 def astray(replayed: Replayed, noise: Mapping[str, float]) -> list[str]:
     """Readings that move, and of which more is left than they travel in any episode."""
-    measured = replayed.measured
-    low, high = (np.where(np.isfinite(measured), measured, end) for end in (np.inf, -np.inf))
-    travels = (high.max(1) - low.min(1)).max(0).tolist()
-    left = replayed.scores()
+    travels, left = travel(replayed.measured).max(0).tolist(), replayed.scores()
     return [
         name
         for name, its in zip(replayed.labels, travels, strict=True)

@@ -15,7 +15,6 @@ _MOST_ROWS = 4  # of which one is taken
 # Times as large are second differences of smooth motion over twice as many rows, higher ones more
 _MOTION = 4.0
 _LEVEL = 1.25  # ratio of the two orders that leave least: motion leaves less in each higher one
-
 _ENOUGH = 20  # differences
 
 _Read = Sequence[tuple[np.ndarray, np.ndarray]]  # rows and readings of each episode

@@ -57,8 +57,8 @@ class OpenLoopReplay:
         model, measured = self.physics.simulator.model, self.measured
         places = model.jnt_qposadr
         joints = np.flatnonzero(measured.is_loose_position[places] & ~measured.goes_on[places])
-        bodies = dict.fromkeys(model.jnt_bodyid[joints].tolist())
-        return tuple(model.body(body).name or model.joint(joints[0]).name for body in bodies)
+        names = (model.body(model.jnt_bodyid[j]).name or model.joint(j).name for j in joints)
+        return tuple(dict.fromkeys(names))
 
     @property
     def physics(self) -> Physics:

@@ -76,11 +76,8 @@ class Stretches(NamedTuple):
 
     @property
     def travel(self) -> np.ndarray:
-        """(W, D) how far readings are apart; 0 where none are."""
-        low, high = (
-            np.where(np.isfinite(self.values), self.values, end) for end in (np.inf, -np.inf)
-        )
-        return np.maximum(high.max(1) - low.min(1), 0.0)
+        """(W, D); see `travel`."""
+        return travel(self.values)
 
     @property
     def longest(self) -> int:
@@ -91,6 +88,12 @@ class Stretches(NamedTuple):
     def first(self, steps: int) -> "Stretches":
         """The first `steps` steps of each."""
         return self._replace(actions=self.actions[:, :steps], values=self.values[:, : steps + 1])
+
+
+def travel(values: np.ndarray) -> np.ndarray:
+    """(E, D) how far readings (E, T, D) are apart; 0 where none are."""
+    low, high = (np.where(np.isfinite(values), values, end) for end in (np.inf, -np.inf))
+    return np.maximum(high.max(1) - low.min(1), 0.0)
 
 
 def filled(values: np.ndarray) -> np.ndarray:
