@@ -1,5 +1,6 @@
 """--budget-minutes is a promise: never over by more than a tenth and ten seconds, anywhere."""
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from simtune.fit import FitConfig, Refits
 from simtune.fit.motion.particles import ParticleConfig
 from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.readings.estimate import search_of
-from simtune.tuning.readings.first import ReadingsFirst
+from simtune.tuning.readings.first import ReadingsFirst, seconds_for
 from simtune.tuning_run import tune
 
 # Of a round of `simtune tune` it takes a fifth for networks and most for fits, on two cores.
@@ -147,6 +148,16 @@ def test_readings_alone_of_a_slow_model_end_in_time(tmp_path: Path, more):
     run(minutes)
     assert machine.now_s <= 1.1 * 60 * minutes + 10
     assert machine.now_s > 0.5 * 60 * minutes, "it is made use of"
+
+
+def test_readings_get_what_a_round_of_videos_does_not_need():
+    """Half of the time at most, if they tell all of a robot; and so where no round can be made."""
+    shares = {100.0: 0.5, 230.0: 0.425, 260.0: 0.35, 261.0: 0.5, 900.0: 0.5}
+    for round_s, share in shares.items():
+        assert seconds_for(400.0, round_s, True) == pytest.approx(share * 400)
+    assert seconds_for(400.0, 320.0, False) == pytest.approx(80)
+    assert seconds_for(400.0, 341.0, False) == pytest.approx(0.35 * 400)
+    assert seconds_for(math.inf, 100.0, True) == math.inf
 
 
 def test_readings_that_take_longer_than_their_time_are_left_to_windows(tmp_path: Path):

@@ -330,6 +330,18 @@ def test_columns_that_are_exchanged_are_told_by_whose_command_is_followed(factor
     assert said.endswith(": are columns exchanged? (likewise wrist elbow's)")
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_velocities_are_told_where_positions_are_declared(sign):
+    """Not as a reversed sign or another joint's column, either of which they look like."""
+    asked, late = commands(), [filtered_by(command, 4) for command in commands()]
+    read = [sign * reads(np.gradient(its, STEP_S), noise=0.02) for its in late]
+    seen = look_at(joint := Watched("elbow", "rad", asked, read, STEP_S), [joint])
+    (said,) = grouped(seen.doubts)
+    assert said.startswith("elbow reads that whose integral follows its command (correlation ")
+    assert said.endswith('are these velocities? give the sensor quantity = "velocity"')
+    assert seen.misread_by is None  # no sign to mend
+
+
 def test_joints_with_the_same_doubt_share_a_sentence():
     asked = commands()
     read = {"hip": [57.3 * reads(c) for c in asked], "knee": [0.2 + 0 * reads(c) for c in asked]}

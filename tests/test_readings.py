@@ -362,7 +362,43 @@ def test_empty_cells_of_a_table_are_what_was_not_measured(tmp_path):
     assert np.argwhere(np.isnan(read.readings["joints"])).tolist() == [[3, 0]]
     lines[4] = ",".join([*cells[:2], "", cells[3]])
     path.write_text("\n".join(lines))
+    held = open_dataset(tmp_path / "pairs").read(0).actions
+    np.testing.assert_allclose(held[:, 0], commands()[[0, 1, 2, 2, *range(4, len(held))], 0])
+    lines[4] = ",".join([*cells[:2], "nan", cells[3]])  # what was sent, unlike an empty cell
+    path.write_text("\n".join(lines))
     assert "line 5 of HERE/swing.csv: action is not finite: [nan]" in message(tmp_path / "pairs")
+
+
+def write_log(folder: Path, *rows: tuple[float | str, ...]) -> None:
+    folder.mkdir()
+    with (folder / "log.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([("time", "arm", "grip", "measured.arm"), *rows])
+
+
+def test_actions_of_a_merged_log_are_held_and_steps_at_their_own_rate(tmp_path):
+    """Of three clocks, none of which begins with another; the second action changes at times."""
+    arm_s, own_s = 0.104 + np.arange(60) / 20, np.arange(320) / 100
+    arm = [(s, i, "" if i % 7 != 1 else i, "") for i, s in enumerate(arm_s.tolist())]
+    write_log(tmp_path / "log", *sorted([*arm, *((s, "", "", 3 * s) for s in own_s.tolist())]))
+    dataset = open_dataset(tmp_path / "log", readings={"arm": ("measured",)}, cameras=())
+    assert 1 / dataset.step_s == pytest.approx(20)
+    found = dataset.read(0)
+    begun = [*range(1, 60), 59]  # from where both are known; the last is held to the log's end
+    assert found.actions[:, 0].tolist() == begun
+    assert found.actions[:, 1].tolist() == [1 + i // 7 * 7 for i in range(60)]
+    read = found.readings["arm"][:, 0]
+    np.testing.assert_allclose(read, 3 * (arm_s[1] + np.arange(61) / 20))
+    finer = open_dataset(tmp_path / "log", cameras=(), control_hz=100).read(0).actions[:, 1]
+    assert finer.tolist() == [1 + i // 35 * 7 for i in range(len(finer))]
+
+
+def test_a_log_of_changes_alone_beside_readings_has_the_rate_of_its_rows(tmp_path):
+    values = np.repeat([1.0, 2.0, 3.0, 4.0], [9, 1, 30, 10]).tolist()
+    is_new = [True, *(np.diff(values) != 0).tolist()]
+    cells = [(v, v) if new else ("", "") for v, new in zip(values, is_new, strict=True)]
+    write_log(tmp_path / "log", *((i / 10, *its, i) for i, its in enumerate(cells)))
+    dataset = open_dataset(tmp_path / "log", cameras=())
+    assert (1 / dataset.step_s, dataset.read(0).actions[:, 0].tolist()) == (10, values[:-1])
 
 
 def test_a_null_row_of_a_lerobot_dataset_is_nan(tmp_path):

@@ -114,8 +114,10 @@ def test_the_robot_follows_one_step_late_and_the_commands_are_recorded(simulator
     np.testing.assert_allclose(played[0].actions[:, 1:], commanded, rtol=1e-6)
     speed = filmed[0][:, :, 3]  # a row is time, qpos (2), qvel (2), ...
     assert filmed[0].shape[1] == STEPS + 1
-    pushed = np.sign(np.diff(speed, axis=1))
-    assert (pushed[:, 1:] == np.sign(commanded[:, :-1, 0])).mean() > 0.9
+    pushed, command = np.diff(speed, axis=1)[:, 1:], commanded[:, :-1, 0]
+    is_strong = np.abs(command) > 0.3  # the pole pushes the cart, too
+    assert is_strong.mean() > 0.5
+    assert (np.sign(pushed) == np.sign(command))[is_strong].mean() > 0.9
 
 
 def test_the_same_seed_films_the_same_and_another_one_something_else(simulator):

@@ -1,6 +1,7 @@
 """How joint readings are fitted: derivatives of many unknowns at once, and horizons that grow."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -51,7 +52,7 @@ def test_derivatives_of_many_unknowns_at_once_are_those_one_by_one(arm: SimpleNa
     noise, zero = np.full(2, 0.002), np.zeros(2)
     stretches = arm.loop.cut(arm.readings, arm.truth, zero, 20, 4)
     there = DifferencePoint(
-        stretches, stretches.states, arm.truth, arm.loop.measured.start_std(noise, stretches.values)
+        stretches, stretches.states, arm.truth, arm.loop.measured.start_std(noise, stretches)
     )
     near = there._replace(unit=arm.truth - 0.02)
     of_all = differentiate(arm.loop, there)
@@ -126,9 +127,10 @@ def test_what_a_short_episode_is_padded_with_is_neither_played_nor_counted(arm, 
     np.testing.assert_array_equal(found[:, 0], whole[:, 0])
     np.testing.assert_array_equal(found[:, 1, :15], whole[:, 1, :15])
     np.testing.assert_array_equal(found[:, 1, 16:], found[:, 1, 15:-1])
-    noise, short = np.full(2, 0.002), values[1:, :15]
-    padded = arm.loop.measured.start_std(noise, values[1:])
-    np.testing.assert_allclose(padded, arm.loop.measured.start_std(noise, short), rtol=1e-12)
+    noise, measured = np.full(2, 0.002), arm.loop.measured
+    second = arm.loop.cut(replace(arm.readings, values=values), arm.truth, np.zeros(2)).of([1])
+    padded, short = (measured.start_std(noise, second.first(steps)) for steps in (60, 14))
+    np.testing.assert_allclose(padded, short, rtol=1e-12)
 
 
 def test_growing_horizons_end_at_the_truth(arm: SimpleNamespace):
@@ -225,7 +227,8 @@ class OneStepLate:
         unit = np.append(begin.unit[:-1], Lateness.unit(late))
         # What is left of the delay hardly counts: the servos' damping takes its place.
         log_rms = 0.04 * abs(1.0 - readings.late - late)
-        return SimpleNamespace(unit=unit, guess=Guess(unit, begin.offsets), log_rms=log_rms)
+        ended = {"guess": Guess(unit, begin.offsets), "is_cut_off": budget.is_over}
+        return SimpleNamespace(unit=unit, log_rms=log_rms, **ended)
 
 
 def test_a_delay_of_a_step_is_not_left_to_a_lateness_that_ends_before():
@@ -236,12 +239,52 @@ def test_a_delay_of_a_step_is_not_left_to_a_lateness_that_ends_before():
     horizons = Horizons(growing=(Horizon(0.4, 1, 24),))
     fits = ReadingsDescents(fit, readings, 0.05, ends, horizons, 0)  # type: ignore[arg-type]
     first = Guess(np.array([0.5, Lateness.unit(0.0)]), np.zeros(1))
-    guess, steps = fits.find_latency(first, Budget())
-    assert steps == 1
+    guess, latency = fits.find_latency(first, Budget())
+    assert latency == (1, True)
     assert Lateness.steps(guess.unit[-1]) == pytest.approx(-0.25)
     # Each number of steps begins with the whole delay as it was
     (late, lateness), *_ = (begun for begun in fit.begun if begun[0] == 1)
     assert late + lateness == pytest.approx(0.75)
+
+
+class Hurry(Budget):
+    """Of which each descent of `Slow` takes three seconds."""
+
+    left_s = 10.0
+
+    @property
+    def seconds_left(self) -> float:
+        return max(0.0, self.left_s)
+
+    def part(self, seconds, span=(0.0, 1.0), prefix="") -> Budget:
+        return self
+
+
+class Slow(OneStepLate):
+    def descend(self, readings, begin, stage, budget, near=None) -> Any:
+        budget.left_s -= 3
+        return super().descend(readings, begin, stage, budget, near)
+
+
+def test_a_search_for_a_delay_that_time_cut_off_does_not_know_it():
+    readings = SimpleNamespace(values=np.zeros((1, 40, 1)), late=0)
+    readings.delayed = lambda steps: SimpleNamespace(late=steps)
+    ends, horizons = (np.zeros(2), np.array([1.0, 0.0])), Horizons(growing=(Horizon(0.4, 1, 24),))
+    fits = ReadingsDescents(Slow(), readings, 0.05, ends, horizons, 0)  # type: ignore[arg-type]
+    first = Guess(np.array([0.5, Lateness.unit(0.0)]), np.zeros(1))
+    assert fits.find_latency(first, Hurry(10.0))[1] == (1, False)
+
+
+def sensor(noise: float | None = None) -> JointSensor:
+    return JointSensor(
+        name="encoder",
+        columns=("a",),
+        joints=("a",),
+        places=np.zeros(1, int),
+        factor=np.ones(1),
+        shift=np.zeros(1),
+        noise=noise,
+    )
 
 
 class Rough:
@@ -254,12 +297,14 @@ class Rough:
     def follow(self, readings: Readings, guess: Guess) -> Segments:
         return Segments.evenly(readings)
 
+    followed = follow
+
     def descend(self, readings, begin, stage, budget, near=None) -> Any:
         self.stages.append(stage.steps)
         log_rms = 0.0 if stage.steps == self._steps else float(self.rng.uniform(1, 9))
         noise = np.full(1, 0.001)
         its = {"unit": begin.unit, "begun": begin.unit, "guess": begin}
-        return SimpleNamespace(**its, log_rms=log_rms, noise=noise)
+        return SimpleNamespace(**its, log_rms=log_rms, noise=noise, is_cut_off=False)
 
 
 @pytest.mark.parametrize(
@@ -269,17 +314,8 @@ class Rough:
 def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
     agreeing_steps: int | None, declared: float | None, is_whole: bool, is_sure: bool
 ):
-    sensor = JointSensor(
-        name="encoder",
-        columns=("a",),
-        joints=("a",),
-        places=np.zeros(1, int),
-        factor=np.ones(1),
-        shift=np.zeros(1),
-        noise=declared,
-    )
     fit, readings = (
-        Rough(agreeing_steps, sensor),
+        Rough(agreeing_steps, sensor(declared)),
         Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1))),
     )
     ends = (np.zeros(3), np.ones(3))
@@ -290,6 +326,22 @@ def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
     assert found.is_sure == is_sure
     assert fit.stages[:3] == [8, 8, 8]  # a quarter of a second is no less than eight steps
     assert fit.stages.count(None) == (4 if not is_whole else 2 if is_sure else Horizons().most_fits)
+
+
+@pytest.mark.parametrize(("followed", "steps"), [(0, {8}), (12, {8, 10}), (99, {8, 10, 20, 40})])
+def test_stretches_are_no_longer_than_replays_can_be_followed(followed: int, steps: set[int]):
+    class Falling(Rough):
+        def followed(self, readings: Readings, guess: Guess) -> Segments:
+            return Segments(np.zeros(3, int), np.arange(3), np.full(3, followed))
+
+    readings, ends = (
+        Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1))),
+        (np.zeros(3), np.ones(3)),
+    )
+    fit = Falling(None, sensor())
+    fits = ReadingsDescents(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
+    fits.grow(fits.begin(np.full(3, 0.5)), Budget())
+    assert set(fit.stages) == steps
 
 
 class Swinging(Rough):
@@ -335,7 +387,7 @@ def test_twice_means_nearly_the_same_residuals():
 
 def test_fits_agree_that_end_at_one_answer_whatever_they_leave():
     def ending(*ends: tuple[float, float], begun: float = 0.4) -> list[Any]:
-        starts = {"begun": np.array([begun, 0.0])}
+        starts = {"begun": np.array([begun, 0.0]), "is_cut_off": False}
         return [SimpleNamespace(**starts, log_rms=r, unit=np.array([x, 0.0])) for r, x in ends]
 
     moving = np.array([True, False])
@@ -349,4 +401,7 @@ def test_fits_agree_that_end_at_one_answer_whatever_they_leave():
     unsure = best_of(ending((-5.0, 0.500), (-4.0, 0.600), (-4.5, 0.530)), moving, True)
     assert not unsure.is_sure
     np.testing.assert_allclose(unsure.apart, [0.015])  # from the next best
+    fits = ending((-5.0, 0.500), (-4.0, 0.600), (-4.5, 0.530))
+    fits[2].is_cut_off = True
+    np.testing.assert_allclose(best_of(fits, moving, True).apart, [0.05])
     assert best_of(ending((-5.0, 0.5)), moving, True).apart.tolist() == [0.0]

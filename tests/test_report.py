@@ -29,6 +29,7 @@ from simtune.report.words import interval
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.files import write_json
 from simtune.run.folder import RunFolder
+from simtune.tasks import load_any_task
 from simtune.tuning.search import Event
 
 # name: (unit, truth, start, verdict)
@@ -332,6 +333,11 @@ def test_report_says_how_the_kept_back_episode_went(run_path):
     assert "it cannot be said how well" in text
     assert "Keypoints are 0.410 px off." in text
     assert "Shown is the first of 8 episodes." in text
+    assert "within short stretches" not in text
+    reading = {"elbow": {"unit": "rad", "offset": 0.0, "rms_before": 0.02, "rms": 0.03}}
+    _edit(run_path / "result.json", lambda result: result.update(sensors=reading))
+    text = told(8, None, [])
+    assert "0.410 px off. That is within short stretches, each from a beginning that fits" in text
 
 
 def test_report_says_in_words_what_was_done(run_path):
@@ -412,7 +418,13 @@ def test_report_says_how_far_off_each_moving_part_is_and_which_ends_farther(run_
     html, page = _report(run_path)
     assert "ball 4.24 px 5.66 px 0 s 0 s cup 4.24 px 0 px 0 s to the end" in page.text
     assert "ball ends farther from the video after tuning than before" in page.text
+    assert "from where the fit says it began" in page.text
+    assert "what the fit is judged by" in page.text
     assert html.count("how far off, before and after") == 2
+    _edit(run_path / "result.json", lambda r: r.update(ranks={}))
+    _, page = _report(run_path)
+    assert "from where its first pictures look most like the video's" in page.text
+    assert "the fit" not in page.text.partition("How far off what moves is")[2].split("Times")[0]
     write_json(run_path / "replay.json", keypoints | {"keypoints": {"parts": [3]}})
     _edit(run_path / "result.json", lambda r: r.update(moving_parts={"ball": 3, "cup": {}}))
     assert "how far off, before and after" not in _report(run_path)[0]
@@ -452,7 +464,8 @@ def test_report_shows_what_check_said_beside_what_came_out(run_path):
     said = page_of_check(run_path, 20)
     assert "first find what the model lacks" in said
     assert "3.0 times as far off as known worlds" in said
-    facts = {"held_out": {}, "recordings": {"folder": "mine"}}
+    # Lack of time would come first.
+    facts = {"held_out": {}, "recordings": {"folder": "mine"}, "stopped": "all rounds are done"}
     wide = {"interval_share": 0.3, "verdict": "weak"}
     _edit(run_path / "result.json", lambda r: r.update(facts))
     _edit(run_path / "result.json", lambda r: r["parameters"]["cup_r"].update(wide))
@@ -464,6 +477,37 @@ def test_report_shows_what_check_said_beside_what_came_out(run_path):
     assert "Less than 1" not in page_of_check(run_path, 2)
     _edit(run_path / "result.json", lambda r: r.update(check={"ball_mass": 3}))
     assert "What could be told" not in _report(run_path)[1].text
+
+
+@pytest.mark.parametrize(
+    ("known", "declares", "stopped", "help_"),
+    [
+        (None, False, TIME_IS_OVER, "more minutes"),  # only three known worlds judged it
+        (None, False, "all rounds are done", "a known colour: --known-colour"),
+        (None, True, "all rounds are done", "more episodes"),
+        ("cup", False, "all rounds are done", "more episodes"),
+    ],
+)
+def test_a_known_colour_is_advised_where_there_is_none_and_time_was_enough(
+    run_path, tmp_path, known, declares, stopped, help_
+):
+    """Also of a run without a fit, whose result has no camera's response."""
+    card = '[[parameters]]\nname = "card"\nkind = "colour"\nobjects = "card"\n'
+    other = card.replace("card", "other")
+    (tmp_path / "card.xml").write_text(
+        "<mujoco><worldbody><camera name='top'/><geom name='card' size='.1'/>"
+        "<geom name='other' size='.1'/></worldbody></mujoco>"
+    )
+    head = 'model = "card.xml"\ncontrol_timestep_s = 0.05\n'
+    (tmp_path / "card.toml").write_text(head + card + "known = true\n" + other)
+    task = str(tmp_path / "card.toml") if declares else "ball_in_cup"
+    facts = {"known_colour": known, "task": task, "task_content": load_any_task(task).content_hash}
+    _edit(run_path / "config.json", lambda stored: stored["config"].update(facts))
+    wide = {"interval_share": 0.3, "verdict": "weak"}
+    _edit(run_path / "result.json", lambda r: r["parameters"]["cup_r"].update(wide))
+    told = {"recordings": {"folder": "mine"}, "stopped": stopped}
+    _edit(run_path / "result.json", lambda r: r.update(told))
+    assert f"cup_r seen in pictures – – {help_} Half of" in page_of_check(run_path, 1)
 
 
 def test_the_numbers_of_one_camera_pose_are_no_pairs(run_path):
@@ -782,6 +826,26 @@ def test_report_shows_joints_over_time_and_what_is_left(readings_run):
     assert len(html) < 500_000
 
 
+@pytest.mark.parametrize(
+    ("after", "told"),
+    [
+        ({"elbow": 0.101, "wrist": 0.0896}, "after tuning, elbow is further off than before. Do"),
+        ({"elbow": 0.101, "wrist": 0.12}, "after tuning, elbow, wrist are further off than befo"),
+        ({"elbow": 0.02, "wrist": 0.0896}, None),
+    ],
+)
+def test_report_warns_of_readings_that_tuning_made_worse(readings_run, after, told):
+    sensors = {
+        name: {"unit": "rad", "rms_before": 0.0895, "rms": its} for name, its in after.items()
+    }
+    _edit(readings_run / "result.json", lambda result: result.update(sensors=sensors))
+    _, page = _report(readings_run)
+    if told:
+        assert f"Replays of the recordings that it was tuned to: {told}" in page.text
+    else:
+        assert "further off" not in page.text
+
+
 def test_an_interval_wider_than_the_first_range_covers_over_100_percent(readings_run):
     def widen(result):
         result["parameters"]["ball_mass"]["interval_share"] = 1.99
@@ -830,6 +894,15 @@ def test_what_shows_in_pictures_only_is_one_line_where_none_were_used(readings_r
     _, page = _report(run_path)
     assert "in pictures only" not in page.text
     assert page.count("article") == len(PARAMETERS)
+
+
+def test_without_a_check_the_task_says_what_shows_in_pictures_only(readings_run):
+    """A short run says nothing of what to expect."""
+    content = load_any_task("ball_in_cup").content_hash
+    change = {"task_content": content}
+    _edit(readings_run / "config.json", lambda stored: stored["config"].update(change))
+    left_out = read_run(readings_run).not_looked_at
+    assert left_out == [name for name in PARAMETERS if name.endswith(("_r", "_g", "_b"))]
 
 
 def test_report_of_videos_and_readings_has_both(run_path):

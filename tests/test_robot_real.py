@@ -9,7 +9,9 @@ import sys
 import threading
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import fake_lerobot
 import numpy as np
@@ -20,6 +22,9 @@ from simtune import cli
 from simtune.cameras.lens import Lens
 from simtune.config import RealConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError, RobotError
+from simtune.experiment import training_experiment
+from simtune.experiment.presets import choose_schedule, choose_search
+from simtune.experiment.training_parts import check_filmed
 from simtune.networks.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.real import robot
 from simtune.real.choose import choose_real
@@ -28,6 +33,7 @@ from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.recordings import open_dataset
 from simtune.robot.lerobot import LeRobot
+from simtune.run import checkpoint
 from simtune.run.files import read_json, write_json
 from simtune.simulation import DirectActions, JointActions
 from simtune.tasks import TASKS, Task, load_task
@@ -219,6 +225,16 @@ def test_a_policy_sees_the_latest_pictures_and_acts_in_its_own_units(file):
     np.testing.assert_allclose(trajectory.actions, 0.5, atol=1e-5)
 
 
+def test_what_a_policy_did_to_get_warm_is_forgotten_before_each_episode(file):
+    done = []
+    real = make_real(file)
+    real.run_policy(
+        lambda _: done.append("act") or np.zeros((1, 1)), 3, 2, 1, lambda: done.append("begin")
+    )
+    episode = ["begin", *["act"] * CALLS_BEFORE_REPLAY, "begin", *["act"] * STEPS]
+    assert done == 2 * episode
+
+
 def test_an_ill_policy_stops_the_robot(file):
     real = make_real(file)
     with pytest.raises(RobotError, match="an action must be finite"):
@@ -348,29 +364,61 @@ def test_nothing_moves_unless_it_is_said(file):
     assert not (file.parent / "run").exists()
 
 
+def may_film(config: TrainConfig) -> None:
+    """As a training looks, before anything is written."""
+    real, _, _ = choose_real(config, TASK, 16, out=config.out)
+    check_filmed(config, choose_schedule(config, TASK, choose_search(config)), real)
+
+
 def test_a_training_that_will_have_to_move_the_robot_says_so_before_it_begins(file):
     out = file.parent / "run"
     config = TrainConfig(task="cartpole", out=out, real="lerobot", robot=file, real_episodes=2)
     make_real(file, folder=out / "filmed").collect(1)
     for changes, message in (
-        ({}, "needs 2 episodes, and then some of its policy .*, and 1 are filmed: give --move"),
+        ({}, "needs 2 episodes, and then up to 2 of its policy .*, and 1 are filmed: give --move"),
         ({"tried_episodes": 0}, "needs 2 episodes, and 1 are filmed: give --move"),
     ):
         with pytest.raises(InputError, match=message):
-            choose_real(replace(config, **changes), TASK, 16, out=out)
-        choose_real(replace(config, **changes, move=True), TASK, 16, out=out)
+            may_film(replace(config, **changes))
+        may_film(replace(config, **changes, move=True))
     make_real(file, folder=out / "filmed").collect(2)
-    choose_real(replace(config, tried_episodes=0), TASK, 16, out=out)
+    may_film(replace(config, tried_episodes=0))
     with pytest.raises(InputError, match="the robot has to move for this"):
-        choose_real(config, TASK, 16, out=out)
+        may_film(config)
+    pretrained = replace(config, tried_episodes=0, pretrain_steps=1000)
+    with pytest.raises(InputError, match="needs 2 episodes of its policy, and 2 are filmed"):
+        may_film(pretrained)
     tuning = TuneConfig(task="cartpole", out=out, real="lerobot", robot=file)
     choose_real(replace(tuning, observe="cameras"), TASK, 16, out=out)
+
+
+def test_a_training_goes_on_without_the_robot_once_all_its_cycles_have_filmed(file, monkeypatch):
+    out = file.parent / "run"
+    asked = {"task": "cartpole", "out": out, "real": "lerobot", "robot": file}
+    config = TrainConfig(**asked, preset="paper")  # 12 cycles of 5 episodes
+    monkeypatch.setattr(RobotReal, "num_filmed", 59)
+    problem = SimpleNamespace(real=make_real(file), recordings=[])
+    monkeypatch.setattr(training_experiment, "build_problem", lambda *_, **__: problem)
+    refused = partial(pytest.raises, InputError, match="5 episodes, .* 55 of its policy.* 59 are")
+    with refused():
+        training_experiment.build_training(config)
+    out.mkdir()
+    for state, is_refused in (
+        ({"filmings": 3}, True),
+        ({"filmings": 11, "knows_enough": False}, True),
+        ({"filmings": 3, "knows_enough": True}, False),
+        ({"filmings": 12}, False),  # a search that ended early filmed nothing in most of them
+    ):
+        checkpoint.save(out / "checkpoints", {}, state)
+        with refused() if is_refused else nullcontext():
+            check_filmed(config, choose_schedule(config, TASK, "paper"), problem.real)
 
 
 @pytest.mark.parametrize("method", ["dr", "untuned"])
 def test_a_training_without_a_search_needs_no_move(file, method):
     out = file.parent / "run"
     config = TrainConfig(task="cartpole", out=out, real="lerobot", robot=file, method=method)
+    may_film(config)
     real, _, _ = choose_real(config, TASK, 16, out=out)
     with pytest.raises(InputError, match="has to move for this: give --move"):
         real.collect(1)
@@ -386,9 +434,9 @@ def test_a_robot_is_moved_by_one_command_at_a_time(file):
 
 @pytest.mark.slow
 def test_tune_resumes_without_the_robot(file, quick, monkeypatch):
-    monkeypatch.setitem(TASKS, "cartpole", lambda: replace(TASK, episode_steps=24))
+    monkeypatch.setitem(TASKS, "arm", lambda: replace(TASK, episode_steps=24))
     out = file.parent / "run"
-    asked = {"task": "cartpole", "out": out, "real": "lerobot", "robot": file}
+    asked = {"task": "arm", "out": out, "real": "lerobot", "robot": file}
     config = TuneConfig(**asked, real_episodes=1, budget_minutes=1e-5, move=True)
     result = tune(config, settings=quick)
     assert (result["real"], result["real_episodes"]) == ("lerobot", 1)

@@ -202,16 +202,31 @@ def test_a_search_for_a_policy_need_not_know_colours_before_a_real_camera(
 
 
 def test_a_round_without_time_for_its_fit_tells_what_networks_guess(monkeypatch, simulator, tiny):
+    """But what is known; other colours are as unsure as a camera makes them."""
+
     def take_too_long(*given):
         raise OutOfTime
 
     monkeypatch.setattr("simtune.fit.ReplayFit.fit", take_too_long)
-    search = PosteriorSearch(context_of(simulator), tiny)
-    estimate = search.run_round(record_episodes(simulator, 1), Budget()).estimate
+    real, known = record_episodes(simulator, 1), np.full(len(SPACE), np.nan)
+    first, *others = np.flatnonzero(SPACE.is_appearance)
+    known[first] = 0.62
+    context = replace(context_of(simulator), known=known)
+    estimate = PosteriorSearch(context, tiny).run_round(real, Budget()).estimate
     assert "identified" not in estimate.verdict
     (warning,) = estimate.warnings
     assert warning.startswith("There was no time to fit the simulator")
+    assert "Nor was any interval tested" in warning
     assert ((estimate.low <= estimate.mean) & (estimate.mean <= estimate.high)).all()
+    np.testing.assert_allclose([estimate.low[first], estimate.high[first]], 0.62, atol=1e-3)
+
+    monkeypatch.setattr(ObservationModel, "discrepancy_std", lambda self, colours: 0.1 * colours)
+    blurred = PosteriorSearch(context, tiny).run_round(real, Budget()).estimate
+    is_other = [
+        not np.array_equal(blurred.curves[name][1], estimate.curves[name][1])
+        for name in SPACE.names
+    ]
+    assert np.flatnonzero(is_other).tolist() == others
 
 
 def test_a_fit_that_takes_far_too_long_is_done_again_as_small_as_may_be(

@@ -3,17 +3,21 @@
 import json
 import multiprocessing
 import os
+import pickle
 import posix
 import random
 import re
+import shlex
 import shutil
 import signal
+import sys
 import threading
 import time
 from dataclasses import replace
 from multiprocessing import forkserver
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -332,6 +336,47 @@ def test_every_run_is_done_once_and_not_again(beside):
     assert entry["scores"] == {"percent_error": 0.2, "wall_s": 0.2}
     assert (entry["status"], entry["failures"], entry["kills"]) == ("done", 0, 0)
     assert entry["spent_s"] > 0.2
+
+
+class Elsewhere:
+    """In place of Ray: another machine, on which Python lies at `python`."""
+
+    def __init__(self, python: Path):
+        self._python = python
+
+    def init(self, **options):
+        pass
+
+    def cluster_resources(self) -> dict:
+        return {"CPU": 1}
+
+    def remote(self, **options):
+        return lambda task: SimpleNamespace(remote=lambda *args: pickle.dumps((task, args)))
+
+    def wait(self, queue, num_returns):
+        return queue[:1], queue[1:]
+
+    def get(self, sent):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "executable", str(self._python))
+            task, arguments = pickle.loads(sent)
+            return task(*arguments)
+
+    def shutdown(self):
+        pass
+
+
+def test_another_machine_runs_its_own_simtune(beside, monkeypatch):
+    """A driver's interpreter need not be there."""
+    python = beside / "python"
+    python.write_text(
+        f'#!/bin/sh\n[ $1 = -m ] || exec {sys.executable} "$@"\n'
+        f'[ $2 = simtune ] && shift 2 && exec {shlex.join(STAND_IN)} "$@"\n'
+    )
+    python.chmod(0o755)
+    monkeypatch.setitem(sys.modules, "ray", Elsewhere(python))
+    (standing,) = sweep(SweepConfig(grid=grid(beside, [7]), out=beside / "out", ray="it")).values()
+    assert (standing.status, len(begun(beside))) == ("done", 1)
 
 
 def test_a_run_is_bound_to_one_core(beside):

@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from simtune.agents.student import Student, StudentConfig
 from simtune.agents.teacher import Teacher, TeacherConfig
 from simtune.agents.teacher_student import TeacherStudent
 from simtune.agents.teaching_schedule import TeacherStudentConfig, TeachingSchedule
+from simtune.api.policy import Policy
 from simtune.errors import InputError
 from simtune.networks.layers import seeded
 from simtune.parameters import ParameterSpace
@@ -19,7 +22,8 @@ from simtune.replay import Episodes, Replay, Transitions
 from simtune.tasks import load_task
 from simtune.vision.detector import DetectorConfig
 
-SPACE: ParameterSpace = load_task("cartpole").parameters
+TASK = load_task("cartpole")
+SPACE: ParameterSpace = TASK.parameters
 SIZE, STEPS, WORLDS = 32, 6, 4
 SMALL = TeacherStudentConfig(
     teacher=TeacherConfig(hidden_size=16, batch_size=8),
@@ -390,6 +394,25 @@ def test_an_agent_knows_its_latest_actions_where_nothing_moves():
     acted = [agent.act(stack).tolist() for stack in (still, still, still, other)]
     assert told == [[[0], [0]], acted[0], acted[1], [[0], [0]]]
     assert acted[0] != [[0], [0]]
+
+
+def test_an_episode_may_begin_in_the_picture_that_the_last_one_ended_in(monkeypatch):
+    spec = replace(SPEC, max_delay_steps=2, num_states=3 + 2)
+    simulator = SimpleNamespace(action_mapping=TASK.load_actions())
+    trained = SimpleNamespace(
+        agent=TeacherStudent(spec, SMALL),
+        task=TASK,
+        schedule=SimpleNamespace(num_stacked=3, image_size=SIZE),
+        learnt_in=SimpleNamespace(simulator=simulator),
+    )
+    monkeypatch.setattr("simtune.api.policy.load_trained", lambda _: trained)
+    policy = Policy(Path("run"))
+    picture, acted = np.full((SIZE, SIZE, 3), 7, np.uint8), []
+    for _ in range(3):
+        policy.reset()
+        acted.append([policy.act(picture).tolist() for _ in range(4)])
+    assert acted[1:] == acted[:1] * 2
+    assert acted[0][0] != acted[0][1]  # what it did counts within an episode
 
 
 def test_a_training_of_a_single_step_has_one_round():

@@ -74,12 +74,18 @@ class Players:
         self.simulator = SimpleNamespace(num_steps=0, num_diverged=0)
         self.distribution = Distribution.proportional(SPACE, SPACE.nominal, 0.5)
         self.seen_worlds: list[np.ndarray] = []
+        self.has_begun = False  # of episodes of the policy
 
     def collect(self, num):
         self.calls.append(f"real: {num} random")
         return ["random"] * num
 
-    def run_policy(self, policy, num_stacked, num, seed):
+    def begin_episodes(self):
+        self.has_begun = True
+
+    def run_policy(self, policy, num_stacked, num, seed, begin):
+        begin()
+        assert self.has_begun
         self.calls.append(f"real: {num} of the policy")
         return ["policy"] * num
 
@@ -210,6 +216,19 @@ def test_a_pretrained_policy_acts_in_the_first_real_episodes(tmp_path):
     players.run_policy = lambda *_: []
     carried_out(players, tmp_path / "recordings", pretrain_steps=STEPS * 3)
     assert "real: 4 random" in players.calls
+
+
+def test_the_first_worlds_are_drawn_apart_from_the_start(tmp_path):
+    """Else each of their parameters would lie on that side of the start where the truth is."""
+    agreed: list[bool] = []
+    for seed in range(20):
+        experiment = SimpleNamespace(config=config_of(tmp_path, seed=seed))
+        start = Truth(SPACE, SPACE.nominal).wrong_start(seed)
+        around = Distribution.proportional(SPACE, start, 0.5)
+        first = around.sample(1, Training(experiment, None).rng)[0]
+        is_nearer = (first > start) == (SPACE.nominal > start)
+        agreed += is_nearer[start != SPACE.nominal].tolist()
+    assert 0.3 < np.mean(agreed) < 0.7
 
 
 def test_a_policy_that_has_not_begun_to_learn_is_not_tried_in_the_real_world(tmp_path):
@@ -419,7 +438,10 @@ def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_sc
         PolicyWorlds(task, task.simulator(image_size=16), num_stacked=1) for _ in range(2)
     )
     learnt_in.load({"lowest_reward": -2.0})
-    ones = SimpleNamespace(act=lambda frames: np.ones((len(frames), 6)))
+    begun: list[None] = []
+    ones = SimpleNamespace(
+        act=lambda frames: np.ones((len(frames), 6)), begin_episodes=lambda: begun.append(None)
+    )
     for scored_in in (learnt_in, elsewhere):
         simulator = scored_in.simulator
 
@@ -441,6 +463,7 @@ def test_a_scored_world_that_diverges_is_charged_as_in_training_which_forgets_sc
         repeated = -3.0 * task.action_repeat
         assert scores["return"][0] == pytest.approx(6 * repeated)
         assert learnt_in.state() == {"lowest_reward": -2.0}
+    assert len(begun) == 6  # for an agent that remembers what it did before
 
 
 def test_a_training_of_an_earlier_version_is_refused_in_one_line():
@@ -794,6 +817,7 @@ def test_an_agent_made_by_name_acts_and_is_stored_and_loaded(name):
     frames = np.random.default_rng(0).integers(0, 256, (4, 3, 64, 64, 3), dtype=np.uint8)
     replay = Replay(SPACE, filmed_capacity=1)
     explored = agent.explore(Observation(np.zeros((4, 5), np.float32), frames), replay)
+    agent.begin_episodes()
     acted = agent.act(frames)
     for actions in (explored, acted, agent.act(frames, sample=True)):
         assert actions.shape == (4, 2)

@@ -552,10 +552,25 @@ def test_the_real_world_hands_out_frames_and_actions_only():
         assert frames.shape == (2, 3, 64, 64, 3)
         return np.full((2, 1), 0.5)
 
-    tried = real.run_policy(policy, num_stacked=3, num_episodes=2, seed=0)
+    begun: list[None] = []
+    tried = real.run_policy(policy, 3, 2, seed=0, begin=lambda: begun.append(None))
+    assert len(begun) == 1  # both episodes at once
     names = {f.name for f in dataclasses.fields(tried[0])}
     assert names == {"frames", "actions", "step_s", "readings"}
     np.testing.assert_array_equal(tried[1].actions, np.full((5, 1), 0.5))
+
+
+def test_a_pseudo_real_worlds_actions_are_drawn_apart_from_the_start():
+    drawn: list[np.ndarray] = []
+
+    def explore(num_worlds: int, num_steps: int, rng: np.random.Generator) -> None:
+        drawn.append(rng.random(9))
+        raise RuntimeError("enough is seen")
+
+    simulator = SimpleNamespace(step_s=0.05, explore=explore)
+    with pytest.raises(RuntimeError, match="enough"):
+        PseudoReal(simulator, SPACE.nominal, episode_steps=5, seed=0).collect(1)
+    assert not np.isin(drawn, np.random.default_rng(0).random(100)).any()
 
 
 def test_a_pseudo_real_world_of_which_all_episodes_diverge_says_so(monkeypatch):

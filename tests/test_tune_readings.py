@@ -49,6 +49,7 @@ from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.readings.agreement import BestDescent
+from simtune.tuning.readings.descents import Latency
 from simtune.tuning.readings.search import ReadingsSearch
 from simtune.tuning.readings.verdict import ReadingsResult, _along_sums, conclude
 from simtune.tuning.readings.warnings import Unmeasured
@@ -131,7 +132,7 @@ def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path
     readings = Readings.of(experiment.recordings, loop.sensors)
     unit, whole = experiment.space.to_unit(context.start), readings.actions.shape[1]
     stretches = loop.cut(readings, unit, np.zeros(2), whole, 9)
-    start_std = loop.measured.start_std(np.full(2, 0.002), stretches.values)
+    start_std = loop.measured.start_std(np.full(2, 0.002), stretches)
     of_kv, of_damping = names.index("shoulder_kv"), names.index("damping")
     share = context.start[of_kv] / context.start[of_damping]  # both scales are logarithmic
 
@@ -598,6 +599,9 @@ def as_recorded(experiment: Experiment) -> ObservationModel:
     return replace(experiment.context.observation, is_simulated=False)
 
 
+LATENCY = Latency()
+
+
 def fit_of(
     experiment: Experiment,
     covariance: np.ndarray,
@@ -605,10 +609,10 @@ def fit_of(
     observation: ObservationModel | None = None,
     noise: float = 0.001,
     unseen: tuple[str, ...] = (),
-    carried: tuple[str, ...] = (),
     unit: float = 0.5,
     is_sure: bool = True,
     by_timestep: float = 0.0,
+    latency: Latency = LATENCY,
 ) -> ReadingsResult:
     """From a fit in the middle of all ranges, or at another `unit` coordinate of all."""
     observation = observation or as_recorded(experiment)
@@ -621,7 +625,7 @@ def fit_of(
         BestDescent, SimpleNamespace(apart=apart, is_sure=is_sure, is_whole=True, num_fits=2)
     )
     first = Distribution.first(experiment.space, experiment.space.nominal)
-    return conclude(judged, found, first, observation, 0, 0.05, Unmeasured(unseen, carried))
+    return conclude(judged, found, first, observation, latency, 0.05, Unmeasured(unseen))
 
 
 def test_intervals_count_what_the_timestep_changes(tmp_path: Path):
@@ -711,18 +715,14 @@ def test_readings_of_a_robot_that_begins_unseen_identify_nothing(truth: Path, tm
     assert warning.startswith("Where torso begins no sensor measures")
 
 
-def test_of_a_base_that_is_carried_from_part_to_part_nothing_is_identified(truth, tmp_path):
+def test_of_a_delay_that_was_not_looked_for_to_the_end_nothing_is_identified(truth, tmp_path):
     experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
-    known = 1e-4 * np.eye(num), np.zeros(num)
-    alone, carried = (fit_of(experiment, *known, carried=names) for names in ((), ("base_x",)))
-    assert alone.estimate.verdict == ["identified"] * num
-    assert carried.estimate.verdict == ["weak"] * num
-    assert not carried.is_trusted
-    (warning,) = carried.estimate.warnings
-    assert warning.startswith("No sensor measures how base_x moves")
-    unit = experiment.space.to_unit
-    of_both = [unit(f.estimate.high) - unit(f.estimate.low) for f in (alone, carried)]
-    np.testing.assert_allclose(of_both[1] / of_both[0], 2.9, atol=0.2)  # of the fit's own errors
+    cut_off = fit_of(experiment, 1e-4 * np.eye(num), np.zeros(num), latency=Latency(1, False))
+    assert cut_off.estimate.verdict == ["weak"] * num
+    assert not cut_off.is_in_time
+    found, doubt = cut_off.estimate.warnings
+    assert found.startswith("The actions seem to take effect 1 step later")
+    assert doubt.startswith("There was no time to look for a longer delay")
 
 
 def test_where_a_robot_begins_unseen_no_more_minutes_or_bounds_are_advised(

@@ -602,6 +602,11 @@ shoulder = { position = [1.5, 1.57] }
             5,
             "3 pairs, the lower number first",
         ),
+        (
+            "kind = 'distribution'\njoints.block.turn = [-180, 180]\n",
+            5,
+            "turn is in rad, .* got -180 to 180; if those are degrees, write -3.142 and 3.142",
+        ),
         ("kind = 'distribution'\njoints.ball.position = [0, 1]\n", 5, "ball is a ball joint"),
     ],
 )

@@ -12,7 +12,6 @@ from simtune.budget import Budget
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.readings.differences import DifferencePoint, _unless_exploded, differentiate
 from simtune.fit.readings.segments import Segments
-from simtune.fit.readings.unmeasured import bases
 from simtune.real.observed import observed
 from simtune.tasks import load_task
 from simtune.tuning.readings.warnings import _of_misfit
@@ -154,6 +153,25 @@ def test_stretches_begin_with_the_velocity_that_is_read(pushed, tmp_path):
     np.testing.assert_allclose(predicted[0, :, 0, 0], speed[::10][:-1])
 
 
+def test_only_what_touches_is_derived_from_both_sides(pushed, monkeypatch):
+    loop, readings, _ = pushed
+    unit, zero, played = unit_of(loop), np.zeros(1), list[int]()
+    play = OpenLoopReplay.play
+
+    def counted(self, stretches, states, units):
+        played.append(len(units))
+        return play(self, stretches, states, units)
+
+    monkeypatch.setattr(OpenLoopReplay, "play", counted)
+    for begin, touches in ((0, False), (10, True)):
+        segments = Segments(np.zeros(1, int), np.array([begin]), np.array([8]))
+        parts = loop.cut_at(readings, unit, zero, segments)
+        assert loop.touches(parts, unit) == touches
+        at = DifferencePoint(parts, parts.states, unit, np.full(2, 0.001), touches)
+        differentiate(loop, at, one_sided=True)
+        assert played[-1] == 1 + 1 + touches + 2  # here; one parameter; a position and a speed
+
+
 FREE = '<freejoint name="block"/>'
 GLIDES = '<joint name="block" type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
 
@@ -190,23 +208,6 @@ def test_stretches_begin_with_what_is_read_behind_a_backlash(pushed, tmp_path, q
         parts = loop.cut_at(readings, unit, np.zeros(1), segments, goes_on)
         predicted, _ = loop.play(parts, parts.states[None], unit[None])
         np.testing.assert_allclose(predicted[0, :, 0], parts.values[:, 0], atol=1e-9)
-
-
-def test_bases_are_what_carries_measured_joints_and_is_not_measured():
-    scene = """<mujoco><worldbody>
-      <body name="trunk"><joint name="x" type="slide"/><joint name="lean" axis="0 1 0"/>
-        <geom size=".1"/>
-        <body pos="0 0 .2"><joint name="wheel" axis="0 1 0"/><geom size=".05"/></body>
-        <body pos="0 0 .3"><joint name="lid" axis="0 1 0"/><geom size=".05"/></body>
-      </body>
-      <body pos="2 0 0"><freejoint name="box"/><geom size=".1"/></body>
-    </worldbody></mujoco>"""
-    model = mujoco.MjModel.from_xml_string(scene)
-    goes_on = np.ones(model.nq + model.nv, bool)
-    lean, wheel = (int(model.joint(name).qposadr[0]) for name in ("lean", "wheel"))
-    for measured, expected in (([wheel], ("x", "lean")), ([wheel, lean], ("x",))):
-        goes_on[model.nq + np.array(measured)] = False
-        assert bases(model, measured, goes_on) == expected
 
 
 def test_a_stretch_that_explodes_has_no_derivative():

@@ -65,7 +65,8 @@ class Training:
         self.num_filmings = 0  # of the real world, one per cycle
         self.num_skipped = 0  # of them, without a policy that could act
         self.num_scored = 0  # cycles after which the policy was scored
-        self.rng = np.random.default_rng(experiment.config.seed)
+        # Independent of the draw of the start, which would tell on which side of it the truth is
+        self.rng = np.random.default_rng((experiment.config.seed, 9))
         self._saved_s = time.monotonic()
 
     def carry_out(self) -> None:
@@ -117,6 +118,7 @@ class Training:
                 schedule.num_stacked,
                 num_episodes,
                 cycle,
+                agent.begin_episodes,
             )
         elif self.run.step:
             self.num_skipped += 1
@@ -211,7 +213,7 @@ class Training:
 
     def _save(self) -> None:
         counters: dict[str, Any] = {"filmings": self.num_filmings, "skipped": self.num_skipped}
-        counters["scored"] = self.num_scored
+        counters |= {"scored": self.num_scored, "knows_enough": self._knows_enough}
         self.run.save(**counters, rng=self.rng.bit_generator.state)
         self._saved_s = time.monotonic()
 

@@ -16,7 +16,8 @@ from simtune.progress import ReportProgress, silent
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.kept import kept_state
 from simtune.tasks import AnyTask
-from simtune.tuning.search import Callbacks, TimeNeeded
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.search import Callbacks, Search, TimeNeeded
 
 log = logging.getLogger(__name__)
 # Time for videos and the report: as long as the longer half of the start took, to load libraries or
@@ -27,6 +28,14 @@ _SHORTENED = "; in --budget-minutes {:g} it is a shortened one, whose intervals 
 # Relative to a whole round: with less time no known world may be fitted, which verdicts need.
 _HARDLY_ENOUGH = 0.5
 _UNJUDGED = "; in --budget-minutes {:g} perhaps nothing can be called identified: {:g} are enough"
+# Of six-minute runs on a busy machine, which had .20 to .24 of a whole round, three of four ended
+# without a fit.
+_HARDLY_A_FIT = 0.3
+_UNFITTED = (
+    "In --budget-minutes %g there is hardly time to fit anything: what pictures tell will be first "
+    "guesses by networks, whose intervals nothing tests. A fit needs --budget-minutes %d; it is "
+    "cheaper with fewer or shorter episodes, or a lower --control-hz%s"
+)
 _CHECK_SHARE = 0.06  # of the budget, in which check may say what to expect
 _WORTHWHILE = 0.6  # of the last round's time: the next one knows where to search
 
@@ -61,6 +70,7 @@ def tune(
     if settings is None and kept_state(config.out) is None:  # nothing is written before
         other_s = time.monotonic() - started_s + ending_s
         _refuse_if_too_short(config.budget_minutes, other_s, needed)
+        _say_if_unfitted(search, config.budget_minutes, other_s, needed)
     may_check = needed.check_s < _CHECK_SHARE * 60 * config.budget_minutes
     expected, doubts = _expected_precision(experiment) if may_check else ({}, [])
     _warn(doubts)
@@ -135,6 +145,18 @@ def _refuse_if_too_short(minutes: float, other_s: float, needed: TimeNeeded) -> 
     elif 60 * minutes < enough_s:
         shortened = _SHORTENED.format(minutes)
     log.info("a round takes about %.0f s here%s", whole_s, shortened)
+
+
+def _say_if_unfitted(search: Search, minutes: float, other_s: float, needed: TimeNeeded) -> None:
+    """If networks alone will probably have the say, though a fit is possible."""
+    left_s, whole_s = 60 * minutes - other_s, needed.whole_s
+    if not isinstance(search, PosteriorSearch) or not search.context.can_fit:
+        return
+    if left_s < _HARDLY_A_FIT * whole_s:
+        enough = math.ceil((_HARDLY_ENOUGH * whole_s + other_s) / 60)
+        has_readings = bool(search.context.observation.sensors)
+        alone = ", or from the joint readings alone (--observe joints)" * has_readings
+        log.info(_UNFITTED, minutes, enough, alone)
 
 
 def _is_over(budget: Budget, run: Run) -> bool:

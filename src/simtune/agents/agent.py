@@ -63,6 +63,14 @@ class Agent(Protocol):
         """
         ...
 
+    def begin_episodes(self) -> None:
+        """Forget earlier steps: the next `act` is the first one of its episodes.
+
+        A picture alone may not show that: an episode may end in the picture that the next one
+        begins with.
+        """
+        ...
+
     def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
         """(n, A) actions in simulated worlds, to learn from; it may learn from earlier ones."""
         ...

@@ -110,6 +110,9 @@ class PixelAgent(ABC):
             self._acting[kind] = self._graphed(partial(self._act, sample=sample))
         return self._acting[kind](torch.as_tensor(frames).to(self.device)).cpu().numpy()
 
+    def begin_episodes(self) -> None:  # noqa: B027
+        """See `Agent`; nothing is remembered."""
+
     @abstractmethod
     def _act(self, frames: torch.Tensor, sample: bool) -> torch.Tensor:
         """`act` on its device."""

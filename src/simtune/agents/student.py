@@ -80,7 +80,7 @@ class Student(nn.Module):
         self.to(generator.device)
         self.begin_steps()
         self.num_updates = 0  # of the detector
-        self._memory: Memory | None = None
+        self.forget()
 
     def begin_steps(self) -> None:
         """Make its updates anew, which are graphs on a GPU: after optimisers have been loaded."""
@@ -111,6 +111,10 @@ class Student(nn.Module):
         self._memory = Memory(frames.clone(), detected)
         with predicting(self):
             return self(detected, latest)
+
+    def forget(self) -> None:
+        """Remember no pictures: none continues the last ones."""
+        self._memory: Memory | None = None
 
     def continues(self, frames: torch.Tensor) -> torch.Tensor:
         """(n,) bool: whether stacks begin as those of the last call ended."""
@@ -158,7 +162,7 @@ class Student(nn.Module):
         set_rate(self.detector_optimizer, peak * self._rate(progress))
         loss = self._see(frames, keypoints, positions)
         self.num_updates += 1
-        self._memory = None  # its detections are outdated
+        self.forget()  # its detections are outdated
         return loss
 
     def _learn_to_see(

@@ -42,13 +42,13 @@ class TeacherStudent:
         self._schedule = TeachingSchedule.of(config, spec)
         self._num_actions, self._num_positions = spec.num_actions, spec.num_positions
         self._num_latest = spec.max_delay_steps * spec.num_actions
-        self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
         self._generator = torch.Generator(self.device).manual_seed(spec.seed)
         with seeded(spec.seed):
             self.teacher = Teacher(
                 spec.num_states, spec.num_actions, len(self._privileged), config.teacher
             ).to(self.device)
             self.student = Student(spec, config.student, self._generator)
+        self.begin_episodes()
         self._begin_steps()
         self._recollection = Recollection(config.renewed_episodes)
         self.num_steps = self._num_filmed = 0
@@ -77,6 +77,11 @@ class TeacherStudent:
             actions = self._disturbed(actions, self.config.noise)
         self._latest = torch.cat([actions, latest], 1)[:, : self._num_latest]
         return actions.cpu().numpy()
+
+    def begin_episodes(self) -> None:
+        """See `Agent`."""
+        self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
+        self.student.forget()
 
     def _remembered(self, frames: torch.Tensor) -> torch.Tensor:
         """(n, L) recent actions that `act` returned; 0 if a stack is an episode's first one.

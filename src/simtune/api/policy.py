@@ -32,8 +32,9 @@ class Policy:
         return tuple(self._trained.learnt_in.simulator.action_mapping.names)
 
     def reset(self) -> None:
-        """Begin an episode."""
+        """Begin an episode: earlier pictures and actions are forgotten."""
         self._latest.clear()
+        self._trained.agent.begin_episodes()
 
     def act(self, picture: np.ndarray) -> np.ndarray:
         """The (A,) action for a picture (H, W, 3) uint8, RGB, as in the task's recordings.

@@ -11,6 +11,7 @@ from simtune.checking.extents import extents_px, small, unclear_of
 from simtune.checking.frictions import unfelt_frictions
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.limits import joints_at_limits
+from simtune.checking.mistakes.degrees import like_degrees
 from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import reading_changes
 from simtune.checking.recorded import Given, of_recordings
@@ -20,7 +21,7 @@ from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.readings.sensitivity import ReadingChanges
 from simtune.fit.sensitivity import analyze
-from simtune.observation import ObservationModel
+from simtune.observation import ObservationModel, joints_of
 from simtune.progress import ReportProgress, silent
 from simtune.real.observed import observed
 from simtune.run.files import plain
@@ -91,7 +92,11 @@ def _replayed(given: Given, seen: ObservationModel, seed: int, report: ReportPro
     try:
         changes, assumed = reading_changes(given.simulator, seen, given.actions, given.read, seed)
     except RuntimeError as error:  # what was found before may say why
-        raise InputError("; ".join([*given.facts["warnings"], *warnings, str(error)])) from error
+        said = [*given.facts["warnings"], *warnings, str(error)]
+        if given.read:
+            values = given.read.readings.values
+            said += like_degrees(given.simulator.model, joints_of(seen.sensors), values)
+        raise InputError("; ".join(said)) from error
     if not given.is_far and not (given.read and given.read.misread):
         much = sensitive_starts.sensitive(changes.growth)
         touching = replays.contacts(much) if replays else None

@@ -8,10 +8,11 @@ import numpy as np
 from simtune.checking.begins_elsewhere import elsewhere_warnings, out_of_sight
 from simtune.checking.conclusions import conclude
 from simtune.checking.frictions import unfelt_frictions
+from simtune.checking.mistakes.degrees import like_degrees
 from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import look_at_servos, reading_changes
 from simtune.fit.sensitivity import analyze
-from simtune.observation import ObservationModel
+from simtune.observation import ObservationModel, joints_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
@@ -41,7 +42,7 @@ def expected_precision(
     warnings = list[str]()
     if not isinstance(simulator, Simulator):
         return ExpectedPrecision({}, warnings)
-    readings = None
+    readings = read = None
     steps = min(map(len, real))
     actions = np.stack([trajectory.actions[:steps] for trajectory in real])
     try:
@@ -51,6 +52,9 @@ def expected_precision(
             readings, _ = reading_changes(simulator, seen, actions, read, seed)
         sensitivity = analyze(simulator, actions, seed, seen, readings)
     except RuntimeError:  # every episode diverged
+        if read:
+            sensors, values = joints_of(seen.sensors), read.readings.values
+            warnings += like_degrees(simulator.model, sensors, values)
         return ExpectedPrecision({}, warnings)
     states, hidden = nominal_states(simulator, actions, seed), out_of_sight(simulator, seed)
     reasons = unfelt_frictions(simulator, states) | hidden

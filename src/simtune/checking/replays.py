@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from simtune.checking.open_loops import loops_left_open
 from simtune.checking.replayed_contacts import Touching, touching
 from simtune.checking.unsettled_starts import free_bases, unsettled
 from simtune.fit import OpenLoopReplay, Readings
@@ -39,6 +40,7 @@ class RecordedReplays:
             return []
         loop = self._loop
         found = [unseen_warning(loop.unseen)] if loop.unseen else []
+        found += loops_left_open(loop.physics.simulator.model, loop.sensors, loop.unseen)
         for base in free_bases(loop):
             found += unsettled(loop, base, self._readings, self._unit, self._names)
         return found

@@ -38,7 +38,7 @@ def free_bases(loop: OpenLoopReplay) -> list[int]:
         body = model.body_parentid[model.jnt_bodyid[joint]]
         while body and not model.body_jntnum[body]:
             body = model.body_parentid[body]
-        above = _joints_up_from(model, int(body))
+        above = joints_up_from(model, int(body))
         unmeasured = [j for j in above if model.jnt_qposadr[j] not in measured]
         is_free = np.isin(model.jnt_type[unmeasured], (_FREE, _SLIDE)).any()
         if is_free and passive.issuperset(above) and model.body_treeid[body] not in pushed:
@@ -63,7 +63,7 @@ def _pushed_trees(model: mujoco.MjModel) -> set[int]:
     return set(model.body_treeid[bodies].tolist()) if bodies else set()
 
 
-def _joints_up_from(model: mujoco.MjModel, body: int) -> list[int]:
+def joints_up_from(model: mujoco.MjModel, body: int) -> list[int]:
     """Joints of a body and of those that carry it, the nearest first."""
     joints = list[int]()
     while body:
@@ -94,7 +94,7 @@ def unsettled(
         return []
     worst = int(np.where(is_far, away, -1.0).argmax())
     model, their = simulator.model, [names[e] for e in np.flatnonzero(is_far).tolist()]
-    joints = [model.joint(joint).name for joint in reversed(_joints_up_from(model, base))]
+    joints = [model.joint(joint).name for joint in reversed(joints_up_from(model, base))]
     of, angle = model.body(base).name or joints[0], np.degrees(turned[worst])
     some = f"{cut(their, _MOST_NAMED)} ({len(their)} of {counted(len(names), 'episode')})"
     return [

@@ -4,6 +4,7 @@ from typing import Any
 
 from simtune.columns import aligned, counted
 from simtune.recordings.source import short
+from simtune.report.words import further_off
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -33,10 +34,9 @@ def table(result: dict[str, Any]) -> list[str]:
             f"{asks} these of the same robot, with the same columns, in the same order and units?"
         )
     if worse := [name for name, its in sensors.items() if its["rms"] > its["rms_before"]]:
-        verb = "is" if len(worse) == 1 else "are"
         lines.append(
-            f"warning: after tuning, {', '.join(worse)} {verb} further off than before on these "
-            "recordings: what was found does not hold here; the run's own warnings may say why"
+            f"warning: {further_off(worse)} on these recordings: what was found does not hold "
+            "here; the run's own warnings may say why"
         )
     if astray := result.get("astray"):
         lines.append(

@@ -19,6 +19,7 @@ from simtune.experiment.schedule import Schedule
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_parts import (
     agent_of,
+    check_filmed,
     declared_late_s,
     fixed_range_of,
     policy_worlds_of,
@@ -67,6 +68,7 @@ class TrainingExperiment(Experiment):
             assert observation.frames is not None
             return self.agent.act(observation.frames)
 
+        self.agent.begin_episodes()
         self.scored_in.load(self.learnt_in.state())  # without a gap, they are the same
         played = self.scored_in.play(act, worlds, rng, delay_steps=self.late_steps, counts=False)
         assert played.frames is not None
@@ -156,6 +158,7 @@ def build_training(
     report("looking at the real world", 0.0)
     num = config.real_episodes if name else 0
     problem = build_problem(config, task, schedule.image_size, num, device, trained=trained)
+    check_filmed(config, schedule, problem.real)
     if problem.recordings:  # without a requested number there may be fewer than usual
         later = schedule.real_episodes[1:]
         schedule = replace(schedule, real_episodes=(len(problem.recordings), *later))

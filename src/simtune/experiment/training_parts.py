@@ -4,14 +4,18 @@ import math
 
 from simtune.agents import Agent, AgentSpec
 from simtune.config import TrainConfig
+from simtune.errors import InputError
 from simtune.experiment.presets import choose_agent, choose_range
 from simtune.experiment.problem import TuningProblem
 from simtune.experiment.rollout import PolicyWorlds
 from simtune.experiment.schedule import Schedule
 from simtune.experiment.settings import Settings
 from simtune.randomization import Distribution
+from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
+from simtune.real.robot import RobotReal
 from simtune.replay import Replay
+from simtune.run.kept import kept_state
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 from simtune.tuning import FixedRange
@@ -56,6 +60,28 @@ def _max_delay_steps(problem: TuningProblem) -> int:
     unknown = seen.unknown_latency_steps(problem.simulator)
     by_readings = most_latency_steps(step_s) if unknown and seen.sensors else 0
     return declared + by_readings + unknown
+
+
+def check_filmed(config: TrainConfig, schedule: Schedule, real: RealWorld) -> None:
+    """Raises InputError at once, where a robot may not move, if this training has yet to film it.
+
+    Stored episodes serve its first filming only, and only as random actions: a policy's are filmed
+    anew. A checkpoint counts a filming of every cycle, also where the search knew enough for none.
+    """
+    if config.move or not isinstance(real, RobotReal):
+        return
+    kept = kept_state(config.out) or {}
+    num_done, (first, *later) = kept.get("filmings", 0), schedule.real_episodes
+    has_first = num_done or (real.num_filmed >= first and not schedule.pretrain_steps)
+    if kept.get("knows_enough") or (has_first and not sum(later[max(num_done - 1, 0) :])):
+        return
+    whose = " of its policy" if schedule.pretrain_steps else ""
+    then = f", and then up to {sum(later)} of its policy" if sum(later) else ""
+    hint = " (none with --tried-episodes 0)" if then and not num_done else ""
+    raise InputError(
+        f"the robot has to move for this: this training needs {first} episodes{whose}{then}{hint}, "
+        f"and {real.num_filmed} are filmed: give --move"
+    )
 
 
 def declared_late_s(problem: TuningProblem) -> float:

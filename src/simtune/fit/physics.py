@@ -45,6 +45,12 @@ class Physics:
         physics._budget = budget
         return physics
 
+    def observing(self, observe: Callable[[Any], np.ndarray]) -> "Physics":
+        """The same with other predictions; see `__init__`."""
+        physics = copy.copy(self)
+        physics._observe = observe
+        return physics
+
     def finer(self) -> "Physics | None":
         """The same with half the physics timestep; None: see `Simulator.finer`."""
         if (simulator := self.simulator.finer()) is None:

@@ -1,10 +1,15 @@
 """The real world: a source of observations and actions, and nothing else."""
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from simtune.observation import ObservationModel
 from simtune.simulation import PixelPolicy
 from simtune.trajectory import Trajectory
+
+
+def remembers_nothing() -> None:
+    """Begins an episode of a policy that looks at the latest frames only."""
 
 
 class RealWorld(Protocol):
@@ -23,10 +28,18 @@ class RealWorld(Protocol):
         ...
 
     def run_policy(
-        self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
+        self,
+        policy: PixelPolicy,
+        num_stacked: int,
+        num_episodes: int,
+        seed: int,
+        begin: Callable[[], None] = remembers_nothing,
     ) -> list[Trajectory]:
-        """Trajectories of a policy that sees the latest frames; empty if it cannot act here."""
+        """Trajectories of a policy that sees the latest frames; empty if it cannot act here.
+
+        `begin` is called before an episode, or several at once, for what the policy remembers.
+        """
         return []
 
 
-__all__ = ["RealWorld"]
+__all__ = ["RealWorld", "remembers_nothing"]

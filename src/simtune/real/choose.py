@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simtune.cameras.views import View
-from simtune.config import ROBOTS, RealConfig, TrainConfig
+from simtune.config import ROBOTS, RealConfig
 from simtune.config.robot import Driver
 from simtune.devices import choose_device
 from simtune.errors import InputError
@@ -17,7 +17,7 @@ from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
-from simtune.real.robot import A_FEW, RobotReal
+from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.real.truth import Truth
 from simtune.run.config import FILMED, stored_config
@@ -104,25 +104,9 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
     real = RobotReal(
         robot, task, image_size=image_size, seed=config.seed, folder=out / FILMED, move=config.move
     )
-    if config.has_search and not config.move:
-        _check_filmed(config, real)
-    return real
-
-
-def _check_filmed(config: RealConfig, real: RobotReal) -> None:
-    """Raises InputError at once, where nothing may move, if a run has to film: now or later."""
-    num_filmed = real.num_filmed
-    if not num_filmed:
+    if config.has_search and not config.move and not real.num_filmed:
         raise InputError(f"dry run: {real.dry_run()}; give --move to let it move")
-    if not isinstance(config, TrainConfig):
-        return
-    first, tries = config.real_episodes or A_FEW, config.tried_episodes != 0
-    if num_filmed < first + tries:
-        then = ", and then some of its policy (none with --tried-episodes 0)" if tries else ""
-        raise InputError(
-            f"the robot has to move for this: this training needs {first} episodes{then}, and "
-            f"{num_filmed} are filmed: give --move"
-        )
+    return real
 
 
 def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:

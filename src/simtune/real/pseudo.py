@@ -1,11 +1,12 @@
 """A simulated world in the role of the real one."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from simtune.observation import ObservationModel
-from simtune.real import RealWorld
+from simtune.real import RealWorld, remembers_nothing
 from simtune.real.gap import RealityGap
 from simtune.simulation import (
     AnySimulator,
@@ -36,7 +37,7 @@ class PseudoReal(RealWorld):
         gap: RealityGap | None = None,
         observation: ObservationModel | None = None,
     ):
-        first_rng = np.random.default_rng(seed)
+        first_rng = np.random.default_rng((seed, 8))  # independent of the draw of the start
         self.observation = seen = observation or _usual(gap)
         self.step_s = simulator.step_s
 
@@ -61,9 +62,15 @@ class PseudoReal(RealWorld):
         return self._film(num_episodes or 5)
 
     def run_policy(
-        self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
+        self,
+        policy: PixelPolicy,
+        num_stacked: int,
+        num_episodes: int,
+        seed: int,
+        begin: Callable[[], None] = remembers_nothing,
     ) -> list[Trajectory]:
         """See `RealWorld`; the same policy and seed give the same episodes."""
+        begin()
         return self._run_policy(
             policy, num_stacked, num_episodes, np.random.default_rng((self._seed, 2, seed))
         )

@@ -5,6 +5,7 @@ import sys
 import termios
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from simtune.cameras.pictures import resize
 from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
-from simtune.real import RealWorld
+from simtune.real import RealWorld, remembers_nothing
 from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.meaning import meaning_of
 from simtune.real.robot_checks import check_actions, footage_of
@@ -107,7 +108,12 @@ class RobotReal(RealWorld):
         return self._filmed.read(self._image_size)[:num_episodes]
 
     def run_policy(
-        self, policy: PixelPolicy, num_stacked: int, num_episodes: int, seed: int
+        self,
+        policy: PixelPolicy,
+        num_stacked: int,
+        num_episodes: int,
+        seed: int,
+        begin: Callable[[], None] = remembers_nothing,
     ) -> list[Trajectory]:
         """See `RealWorld`. Raises as `collect` does."""
         size = (self._image_size, self._image_size)
@@ -117,7 +123,11 @@ class RobotReal(RealWorld):
             seen = np.stack([resize(frames[i], size) for i in latest])
             return scale_actions(self._mapping, policy(seen[None]))[0]
 
-        return list(self._film(num_episodes, lambda _: act).read(self._image_size))
+        def begin_acting(_: int) -> ActOnFrames:
+            begin()
+            return act
+
+        return list(self._film(num_episodes, begin_acting).read(self._image_size))
 
     def _film(self, num_episodes: int, begin: Callable[[int], ActOnFrames]) -> RecordingSession:
         if not self._move:
@@ -141,8 +151,8 @@ class RobotReal(RealWorld):
                 session.go_to_start()
                 if ask:
                     _ask(f"{which}: set the scene up, and stand back")
-                played = session.play(begin(episode), self._task.episode_steps, sitting.note)
-                sitting.add(played)
+                begun = partial(begin, episode)
+                sitting.add(session.play(begun, self._task.episode_steps, sitting.note))
         return sitting
 
 

@@ -82,11 +82,12 @@ class Session:
         """Move to the episodes' start pose. Raises RobotError."""
         self._arm.go_to(self._actions.start)
 
-    def play(self, act: ActOnFrames, num_steps: int, note: Note) -> Trajectory:
+    def play(self, begin: Callable[[], ActOnFrames], num_steps: int, note: Note) -> Trajectory:
         """Play one episode; its actions are those sent. `note` is called immediately per step."""
-        first = [self._look()[0]]
+        act, first = begin(), [self._look()[0]]
         for _ in range(CALLS_BEFORE_REPLAY):  # slow on a GPU, so make these before the clock runs
             act(0, first)
+        act = begin()  # those actions were never sent
         frames, sent_actions = [], []
         with self._arm.moving():
             begun_s = time.monotonic()

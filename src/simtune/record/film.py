@@ -132,6 +132,7 @@ def _actor(
     if trained is None:
         actions = random_actions(1, num_steps, simulator.action_mapping, rng)
         return lambda t, _: actions[:, t]
+    trained.agent.begin_episodes()
     own = trained.learnt_in.simulator
     stacker = FrameStacker(own, world, num_steps, trained.schedule.num_stacked)
     return acting_late(on_pictures(simulator, stacker, trained.agent.act), trained.late_steps)

@@ -51,15 +51,19 @@ def is_reading(name: str) -> bool:
     return name.lower().startswith(f"{MEASURED}.")
 
 
-def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, Lines]:
-    """(rows, columns) numbers after the header, NaN for empty cells; and their line numbers."""
+def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, np.ndarray, Lines]:
+    """(rows, columns) numbers after the header, NaN for empty cells; which cells are empty, (rows,
+    columns) bool, as "nan" is not; and line numbers.
+    """
     rows: list[np.ndarray] = []
+    empty: list[np.ndarray] = []
     lines = Lines(path, numbers := [])
     for number, cells in itertools.islice(_lines(path), 1, None):
         numbers.append(number)
         where = lines.place(-1)
         if len(cells) != num_columns:
             raise InputError(f"{where}: expected {num_columns} cells, got {len(cells)}")
+        empty.append(np.array([not cell.strip() for cell in cells]))
         try:
             rows.append(np.array([float(cell) if cell.strip() else np.nan for cell in cells]))
         except ValueError as error:
@@ -69,7 +73,7 @@ def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, Lines]:
             raise InputError(f"{path}: has more than {MOST_ROWS} rows; split the episode")
     if len(rows) < 2:
         raise InputError(f"{path}: has {len(rows)} rows of numbers; expected at least 2")
-    return np.stack(rows), lines
+    return np.stack(rows), np.stack(empty), lines
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:

@@ -12,6 +12,7 @@ from simtune.errors import InputError
 from simtune.recordings.facts import Seen, SeenPictures, action_ranges
 from simtune.recordings.film import Film
 from simtune.recordings.fingerprint import fingerprint
+from simtune.recordings.held import held
 from simtune.recordings.readings import NO_PERIODS, NO_READINGS, choose_readings
 from simtune.recordings.resample import counted_on
 from simtune.recordings.source import Source, choose_actions, left_out, short
@@ -167,7 +168,7 @@ class Dataset:
         where = f"{self.where}: {self.episodes[episode]}"
         asked = [reading for readings in self._sensors.values() for reading in readings]
         index = self._source.kept[episode]
-        rows = self._source.rows(index, asked)
+        rows = held(self._source.rows(index, asked), self._columns)
         if self._own_rate:
             check_rate(where, rows, self.step_s)
         if self._film:
@@ -176,9 +177,7 @@ class Dataset:
         rows = replace(
             rows,
             # Before resampling, as readings below
-            actions=commands_counted_on(
-                rows.actions[:, self._columns], rows.readings, self._turnings
-            ),
+            actions=commands_counted_on(rows.actions, rows.readings, self._turnings),
             # Before resampling: on a line across the jump, an encoder would turn back.
             readings=counted_on(rows.readings, all_periods),
         )

@@ -12,6 +12,7 @@ from simtune.between_rows import typical_step_s
 from simtune.errors import InputError
 from simtune.recordings import video
 from simtune.recordings.csv_table import MEASURED, is_reading, is_time, read_header, read_rows
+from simtune.recordings.held import begins
 from simtune.recordings.readings import gather, readings_of
 from simtune.recordings.source import (
     Lines,
@@ -91,11 +92,19 @@ class PairsSource:
                 f"{path}: expected the columns of {self._table(self.kept[0]).name} "
                 f"({short(self._header)}), got {short(header)}"
             )
-        table, lines = read_rows(path, len(header))
+        table, is_empty, lines = read_rows(path, len(header))
         measured = table[:, [is_reading(name) for name in header]]
         times_s, until_s, unused_s = self._times(episode, table, lines)
         found = gather(readings, len(table), lambda _: measured)
-        return Rows(table[:, self._actions], times_s, until_s, found, lines, unused_s)
+        return Rows(
+            actions=table[:, self._actions],
+            times_s=times_s,
+            until_s=until_s,
+            readings=found,
+            lines=lines,
+            unused_s=unused_s,
+            is_empty=is_empty[:, self._actions],
+        )
 
     def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
         path = self._video(episode)
@@ -129,8 +138,11 @@ class PairsSource:
         return self._tables[self.episodes[episode]]
 
     def _fps(self) -> float:
-        """Rows per second of the first used episode."""
-        times_s = self.rows(first := self.kept[0]).times_s
+        """Actions per second of the first used episode."""
+        rows = self.rows(first := self.kept[0])
+        times_s = rows.times_s
+        if rows.is_empty is not None:
+            times_s = times_s[begins(times_s, ~rows.is_empty)]
         fps = float(f"{1 / typical_step_s(times_s):.6g}")  # clocks are not more precise than that
         if not is_rate(fps):
             where = self._table(first) if self._is_acted_on else self._video(first)

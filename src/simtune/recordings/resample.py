@@ -22,23 +22,34 @@ def find_gaps(times_s: np.ndarray) -> list[tuple[float, float]]:
 
     `times_s`: (T,) rising. A log of changes alone has none: it is irregular, or rests often.
     """
+    if not is_regular(times_s):
+        return []
+    gaps = np.flatnonzero(_lasts(times_s) > BRIDGED)
+    return [(float(times_s[row]), float(times_s[row + 1])) for row in gaps]
+
+
+def is_regular(times_s: np.ndarray) -> bool:
+    """Whether (T,) rising times come at one rate, but for a few gaps; false if there are few."""
     if len(times_s) < _FEWEST:
-        return []
-    lasts = np.diff(times_s) / typical_step_s(times_s)
+        return False
+    lasts = _lasts(times_s)
     is_gap = lasts > BRIDGED
-    is_regular = np.mean(np.abs(lasts[~is_gap] - 1) < 0.5) >= _IN_TIME
-    if not is_regular or is_gap.sum() > max(1, _OFTEN * len(lasts)):
-        return []
-    return [(float(times_s[row]), float(times_s[row + 1])) for row in np.flatnonzero(is_gap)]
+    is_in_time = np.mean(np.abs(lasts[~is_gap] - 1) < 0.5) >= _IN_TIME
+    return bool(is_in_time and is_gap.sum() <= max(1, _OFTEN * len(lasts)))
+
+
+def _lasts(times_s: np.ndarray) -> np.ndarray:
+    return np.diff(times_s) / typical_step_s(times_s)
 
 
 def step_times(rows: Rows, step_s: float) -> np.ndarray:
     """(K + 1,) seconds: starts of the K whole steps that fit into an episode, and the end."""
-    lasts_s = rows.until_s - rows.times_s[0]
-    row_s = typical_step_s(rows.times_s) if len(rows) > 1 else step_s
+    begin_s = rows.begin_s
+    lasts_s = rows.until_s - begin_s[0]
+    row_s = typical_step_s(begin_s) if len(begin_s) > 1 else step_s
     # Of the shorter of both: a share of a long step would reach into what follows the episode.
     spare_s = _ON_TIME * min(row_s, step_s)
-    return rows.times_s[0] + step_s * np.arange(int((lasts_s + spare_s) / step_s) + 1)
+    return begin_s[0] + step_s * np.arange(int((lasts_s + spare_s) / step_s) + 1)
 
 
 def _is_same(row_s: float, step_s: float) -> bool:
@@ -53,11 +64,13 @@ def step_actions(rows: Rows, times_s: np.ndarray) -> np.ndarray:
     steps average them, which preserves the impulse of a force and the path of a velocity.
     """
     num_steps, step_s = len(times_s) - 1, times_s[1] - times_s[0]
-    if len(rows) >= num_steps:
-        late_s = np.abs(rows.times_s[:num_steps] - times_s[:-1])
-        is_own_rate = len(rows) > 1 and _is_same(typical_step_s(rows.times_s), step_s)
-        if late_s.max() <= (_ROUNDED if is_own_rate else _ON_TIME) * step_s:
-            return rows.actions[:num_steps]
+    begin_s = rows.begin_s
+    num = min(len(begin_s), num_steps)  # the last may be held for longer
+    late_s = np.abs(begin_s[:num] - times_s[:num])
+    is_own_rate = len(begin_s) > 1 and _is_same(typical_step_s(begin_s), step_s)
+    if late_s.max() <= (_ROUNDED if is_own_rate else _ON_TIME) * step_s:
+        begun = rows.actions if rows.is_begun is None else rows.actions[rows.is_begun]
+        return np.pad(begun[:num], ((0, num_steps - num), (0, 0)), mode="edge")
     if not rows.actions.shape[1]:
         return np.empty((num_steps, 0))
     until_s = max(rows.until_s, times_s[-1])

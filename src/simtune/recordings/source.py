@@ -44,16 +44,23 @@ class Rows:
     """An episode's actions and readings, on the clock of its pictures."""
 
     actions: np.ndarray  # (T, A) float64, all recorded columns
-    times_s: np.ndarray  # (T,) start times of the actions, rising
+    times_s: np.ndarray  # (T,) rising
     until_s: float  # end of the time for which both pictures and actions are known
     # (T, D) float64, NaN if missing; no rows if no readings were requested
     readings: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     lines: Lines | None = None  # None: not read from a text file
     unused_s: float = 0.0  # for which the pictures go on after the last action
     unfilmed: int = 0  # last rows for which a video has no frame
+    is_empty: np.ndarray | None = None  # (T, A) bool, a table's empty cells; None: there are none
+    is_begun: np.ndarray | None = None  # (T,) bool, rows whose action begins then; None: all
 
     def __len__(self) -> int:
         return len(self.actions)
+
+    @property
+    def begin_s(self) -> np.ndarray:
+        """Rising times at which actions begin, the episode with the first of them."""
+        return self.times_s if self.is_begun is None else self.times_s[self.is_begun]
 
 
 class Source(Protocol):

@@ -40,7 +40,7 @@ def make_steps(
         values = short([f"{value:g}" for value in rows.actions[row]])
         place = rows.lines.place(row) if rows.lines else f"{where}, row {row}"
         raise InputError(f"{place}: action is not finite: [{values}]; drop or repair the episode")
-    lasts_s = rows.until_s - rows.times_s[0]
+    lasts_s = rows.until_s - rows.begin_s[0]
     if lasts_s > MOST_ROWS * step_s:
         raise InputError(
             f"{where} lasts {lasts_s:.3g} s, by its time stamps; expected at most {MOST_ROWS} "
@@ -53,7 +53,7 @@ def make_steps(
             f"{step_s:.3g} s, a frame before and a frame after an action"
         )
     actions = step_actions(rows, times_s).astype(np.float32)
-    gaps_s = find_gaps(rows.times_s) if actions.shape[1] else []
+    gaps_s = find_gaps(rows.begin_s) if actions.shape[1] else []
     readings = _by_sensor(where, rows, times_s, sensors)
     return Steps(times_s, actions, readings, gaps_s, rows.unused_s, rows.unfilmed)
 
@@ -67,7 +67,7 @@ def _without_last(rows: Rows) -> Rows:
 
 def check_rate(where: str, rows: Rows, step_s: float) -> None:
     """Raises InputError if an episode's own rate differs from 1 / `step_s`."""
-    own_hz = 1 / typical_step_s(rows.times_s) if len(rows) > 1 else 1 / step_s
+    own_hz = 1 / typical_step_s(rows.begin_s) if len(rows.begin_s) > 1 else 1 / step_s
     if abs(own_hz * step_s - 1) > 0.01:
         raise InputError(
             f"{where} has {own_hz:.4g} actions/s, the first episode {1 / step_s:.4g}; "

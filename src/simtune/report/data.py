@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -168,8 +169,21 @@ class RunData:
         """Names of parameters that show in pictures only, of a run that used none."""
         if self.has_pictures:
             return []
-        checked = self.object("check")
-        return [name for name in self.parameters if _shows_in_pictures_only(checked.get(name))]
+        if checked := self.object("check"):
+            return [name for name in self.parameters if _shows_in_pictures_only(checked.get(name))]
+        space = self._task.parameters if self._task else ()
+        return [p.name for p in space if p.is_appearance and p.name in self.parameters]
+
+    @property
+    def has_known_colours(self) -> bool:
+        """Whether an option or the tuning file declares a colour as known, as far as known."""
+        return bool(self.config.get("known_colour") or getattr(self._task, "known_colours", None))
+
+    @cached_property
+    def _task(self) -> AnyTask | None:
+        """The tuned task; None if it cannot be read any more."""
+        with suppress(InputError):
+            return self.load_task() if self.config.get("task") else None
 
     @property
     def looked_at(self) -> dict[str, dict[str, Any]]:

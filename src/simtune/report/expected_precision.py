@@ -118,17 +118,25 @@ def _help(
         others = note.removeprefix("together with ").partition(":")[0]
         return f"motions that tell it from {others}"
     is_motion = "std" in expectation or "std_percent" in expectation
-    if not is_motion and run.object("recordings") and not run.result.get("camera_responses"):
-        return "a known colour: --known-colour"
-    if expectation.get("verdict") == "does not show":
-        return "other motions: these hardly show it"
+    hardly_shows = expectation.get("verdict") == "does not show"
     is_hardly_judged = _num_refits(run) < _FEW_REFITS and run.has_pictures
     is_hardly_judged &= times is None or times > _AS_TOLD
-    if run.is_out_of_time and (is_hardly_judged or times is None or times > _MUCH):
+    if run.is_out_of_time and is_hardly_judged and not hardly_shows:
+        return "more minutes"
+    if not is_motion and run.object("recordings") and not _has_known_colours(run):
+        return "a known colour: --known-colour"
+    if hardly_shows:
+        return "other motions: these hardly show it"
+    if run.is_out_of_time and (times is None or times > _MUCH):
         return "more minutes"
     if expectation.get("verdict") == "shows weakly":
         return "motions that show it more, or more episodes"
     return "more episodes"
+
+
+def _has_known_colours(run: RunData) -> bool:
+    """A camera's response is told by known colours alone, but not without a fit."""
+    return bool(run.result.get("camera_responses")) or run.has_known_colours
 
 
 def _num_refits(run: RunData) -> int:

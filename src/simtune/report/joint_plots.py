@@ -15,6 +15,7 @@ _UNIT_PX = 12  # above the plot, for the unit
 # How far the axis may extend for curves of before tuning, in spans of the other curves: in plots of
 # readings, and of differences
 _MOST_SPANS = (2, 20)
+_CLEARLY = 1.1  # ratio of what is left after tuning to what was before
 _SMALL = 0.5  # differences are written in thousandths if all are smaller
 
 
@@ -46,6 +47,16 @@ def in_thousandths(value: object, unit: str) -> str:
     if not is_number(value):
         return number(value)
     return f"{number(1000 * value)} m{unit}" if abs(value) < _SMALL else f"{number(value)} {unit}"
+
+
+def readings_farther(run: RunData) -> list[str]:
+    """Joint readings that are clearly farther off after tuning than before, in all episodes."""
+    found = []
+    for label, facts in run.readings.items():
+        before, after = facts.get("rms_before"), facts.get("rms")
+        if is_number(before) and is_number(after) and after > _CLEARLY * before:
+            found.append(label)
+    return found
 
 
 def plot_over_time(

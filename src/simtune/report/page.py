@@ -94,6 +94,8 @@ def _environment() -> Environment:
         "num_holding": trust.num_holding,
         "reasons": expected_precision.reasons,
         "ends_farther": part_plots.ends_farther,
+        "readings_farther": joint_plots.readings_farther,
+        "further_off": words.further_off,
     }
     return environment
 

@@ -1,7 +1,7 @@
 """Numbers and times as text: the templates' filters."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -106,6 +106,12 @@ def not_looked_at(names: Collection[str]) -> str:
     num = len(names)
     shows = "shows" if num == 1 else "show"
     return f"{counted(num, 'parameter')} {shows} in pictures only: not looked at" * bool(num)
+
+
+def further_off(readings: Sequence[str]) -> str:
+    """On joint readings that replays after tuning meet worse than those before."""
+    verb = "is" if len(readings) == 1 else "are"
+    return f"after tuning, {', '.join(readings)} {verb} further off than before"
 
 
 def duration(seconds: Any) -> str:

@@ -11,11 +11,11 @@ from simtune.sweep.local import at_work, num_workers
 from simtune.sweep.pilot import Pilot, Pilots, measure
 from simtune.sweep.process import Processes
 from simtune.sweep.standing import Places
-from simtune.sweep.sweep import PROGRAM, open_sweep, places_to_run
+from simtune.sweep.sweep import open_sweep, places_to_run
 
 
 def dry_run(
-    config: SweepConfig, say: Callable[[str], None], program: Sequence[str] = PROGRAM
+    config: SweepConfig, say: Callable[[str], None], program: Sequence[str] | None = None
 ) -> float | None:
     """Estimated seconds that the sweep still takes; None if a pilot gave no estimate.
 
@@ -46,7 +46,7 @@ def _measure(
     runs: Sequence[AskedRun],
     pilots: Pilots,
     config: SweepConfig,
-    program: Sequence[str],
+    program: Sequence[str] | None,
     say: Callable[[str], None],
 ) -> None:
     """Add a pilot of each run, measured on this machine's workers, as soon as it has ended."""

@@ -31,7 +31,7 @@ def connect(address: str) -> Any:
 
 
 def carry_out_on_ray(
-    ray: Any, runs: Sequence[AskedRun], program: Sequence[str], settings: dict[str, Any]
+    ray: Any, runs: Sequence[AskedRun], program: Sequence[str] | None, settings: dict[str, Any]
 ) -> Generator[tuple[AskedRun, Standing]]:
     """Yield each run and its final standing, in the order in which they end.
 
@@ -43,7 +43,7 @@ def carry_out_on_ray(
     task = ray.remote(**options)(_carry_out)
 
     def submit(run: AskedRun) -> Any:
-        return task.remote(run, tuple(program), settings)
+        return task.remote(run, program, settings)
 
     queue = {submit(run): run for run in runs}
     try:
@@ -58,6 +58,6 @@ def carry_out_on_ray(
         ray.shutdown()
 
 
-def _carry_out(run: AskedRun, program: Sequence[str], settings: dict[str, Any]) -> Standing:
+def _carry_out(run: AskedRun, program: Sequence[str] | None, settings: dict[str, Any]) -> Standing:
     """Carry out a run, on the machine that Ray has chosen."""
     return Attempts(**settings, processes=Processes(program)).carry_out(run)

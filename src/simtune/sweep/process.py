@@ -21,9 +21,13 @@ _TAIL = 30  # lines kept in memory, since a full disk cannot keep the log
 class Processes:
     """Starts commands and waits for them, from several threads; `stop` ends all of them."""
 
-    def __init__(self, program: Sequence[str]):
-        """`program`: the command that gets a run's arguments; it starts with an absolute path."""
-        self._program, self._live = tuple(program), set[subprocess.Popen[str]]()
+    def __init__(self, program: Sequence[str] | None = None):
+        """`program`: the command that gets a run's arguments; it starts with an absolute path.
+
+        By default this machine's simtune, which may lie elsewhere than that of a sweep's driver.
+        """
+        self._program = tuple(program or (sys.executable, "-m", "simtune"))
+        self._live = set[subprocess.Popen[str]]()
         self._lock, self.is_stopped = Lock(), False
 
     def stop(self) -> None:

@@ -14,7 +14,6 @@ pilots.json             estimated times of runs, from pilots
 sweep.json              the state of all runs, also of other grids in this folder
 """
 
-import sys
 from collections.abc import Sequence
 from contextlib import closing
 from typing import Any
@@ -31,14 +30,12 @@ from simtune.sweep.on_ray import carry_out_on_ray, connect
 from simtune.sweep.process import Processes
 from simtune.sweep.standing import Standing
 
-PROGRAM = (sys.executable, "-m", "simtune")
 
-
-def sweep(config: SweepConfig, program: Sequence[str] = PROGRAM) -> dict[str, Standing]:
+def sweep(config: SweepConfig, program: Sequence[str] | None = None) -> dict[str, Standing]:
     """Carry out a grid; returns {name: final standing}.
 
-    `program`: the command that gets the arguments of `tune` and `train`. Raises InputError for
-    invalid input, before any run starts.
+    `program`: the command that gets the arguments of `tune` and `train`, see `Processes`. Raises
+    InputError for invalid input, before any run starts.
     """
     runs = open_sweep(config)
     settings: dict[str, Any] = {

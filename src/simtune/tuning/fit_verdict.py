@@ -24,16 +24,21 @@ from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.learning import LearningResult
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.search import SearchContext
-from simtune.tuning.survival_curves import blurred, with_fit
+from simtune.tuning.survival_curves import blurred, normal_curves, with_fit
 
 
 def conclude_by_networks(
     learned: LearningResult, context: SearchContext, config: RangeUpdateConfig
 ) -> tuple[Estimate, np.ndarray]:
-    """The estimate and its (N, C) curves where nothing can be fitted."""
-    discrepancy = context.observation.discrepancy_std(context.first.space.is_appearance)
-    curves = blurred(learned.prob_higher, discrepancy, learned.searched)
-    return read_curves(curves, learned.searched, context.first, config), curves
+    """The estimate and its (N, C) curves where nothing is fitted; known parameters stay known."""
+    searched = learned.searched
+    discrepancy = context.observation.discrepancy_std(searched.space.is_appearance)
+    curves = blurred(learned.prob_higher, discrepancy, searched)
+    if context.known is not None:
+        is_known = np.isfinite(context.known)
+        at = searched.to_range_unit(np.where(is_known, context.known, searched.mean))
+        curves = np.where(is_known[:, None], normal_curves(at, np.zeros(len(at))), curves)
+    return read_curves(curves, searched, context.first, config), curves
 
 
 def conclude(

@@ -19,10 +19,9 @@ from simtune.randomization import Distribution
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.fit_stage import FitStage, RefitPlan
-from simtune.tuning.fit_verdict import conclude
+from simtune.tuning.fit_verdict import conclude, conclude_by_networks
 from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import read_curves
 from simtune.tuning.readings.estimate import ReadingsEstimate
 from simtune.tuning.rounds import FIT, FIT_AGAIN, REFIT
 from simtune.tuning.search import Callbacks, SearchContext
@@ -37,7 +36,8 @@ _REFIT = 0.9  # of a fit's time: no latency is searched for
 _ENOUGH_REFITS = 4  # with time for fewer, refits have fewer episodes than the real fit
 _NO_FIT = (
     "There was no time to fit the simulator: these are first guesses by networks, and none is "
-    "called identified{}. Give it more minutes."
+    "called identified{}. Nor was any interval tested: many may miss the truth. Give it more "
+    "minutes."
 )
 _WORTH_BEGINNING = 0.5  # of a fit's time: with more left, a refit may be finished
 # Fits' time: with more left, there is time for another one and its refits; it may take so much
@@ -120,7 +120,7 @@ class Judging:
         try:
             fitted = self._fit(observed, is_last, budget)
         except OutOfTime:
-            return Judged(self._without_fit(), self.learned.prob_higher, self.earlier)
+            return Judged(*self._without_fit(), self.earlier)
         plan = RefitPlan(0, 0)
         if is_last:
             fitted = self._fit_again(fitted, budget)
@@ -188,15 +188,15 @@ class Judging:
             return fitted
         return Fitted(again, stage, fit_s)
 
-    def _without_fit(self) -> Estimate:
-        """The estimate if a fit ran out of time: the previous one.
+    def _without_fit(self) -> tuple[Estimate, np.ndarray]:
+        """The estimate if a fit ran out of time: the previous one. Also the networks' curves.
 
         If there is none, that of the networks alone.
         """
+        config = self.config.range_update
+        estimate, curves = conclude_by_networks(self.learned, self.stage.context, config)
         if self.earlier.estimate:
-            return self.earlier.estimate
-        learned, config = self.learned, self.config.range_update
-        estimate = read_curves(learned.prob_higher, learned.searched, self.first, config)
+            return self.earlier.estimate, curves
         verdict = at_most_weak(estimate.verdict)
         of_readings = ""
         if self.by_readings:
@@ -205,7 +205,9 @@ class Judging:
             of_readings = ". Joint readings were not fitted alone, either"
         warnings = [_NO_FIT.format(of_readings)]
         estimate = replace(estimate, verdict=verdict, warnings=warnings)
-        return self.by_readings.combined_with(estimate) if self.by_readings else estimate
+        if self.by_readings:
+            estimate = self.by_readings.combined_with(estimate)
+        return estimate, curves
 
     def _plan_refits(self, fitted: tuple[int, ...], fit_s: float, budget: Budget) -> RefitPlan:
         """After a fit of `fitted` episodes and steps that took `fit_s`.

@@ -11,8 +11,8 @@ from simtune.checking.servos.following import (
     Following,
     Watched,
     followed_instead,
-    follows,
 )
+from simtune.checking.servos.velocities import are_velocities
 from simtune.columns import episode_in_words
 
 _MOVED = 0.05  # of what is commanded: a joint that moves less stands still
@@ -24,7 +24,6 @@ _FAR = (0.5, 0.75)  # of the way to the farthest command: near below, far above
 _SHORT, _CLEARLY = 0.1, 4.0  # of that way; factor on the residuals near by
 _FEWEST = 20  # frames far out
 _COUNTS = 3.0  # times as fast as commanded, and faster: no motor is
-_VELOCITIES = 0.1  # by which readings follow commanded speeds better than their changes do
 _DEGREES = 180 / np.pi
 # {unit: how many of another one it has, its name, and its key in a tuning file}
 OTHER_UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
@@ -44,7 +43,7 @@ def doubts(
         says = f"reads {value:.4g} {unit} all the time, while it is commanded over"
         asks = "is the sensor stuck, or another column meant?"
         return [_doubt(joint, f"{says} {servo.commanded:.3g} {unit}", asks)]
-    if odd := _are_velocities(joint, servo, following) or _other_scale(joint, following):
+    if odd := are_velocities(joint, servo, following) or _other_scale(joint, following):
         return [odd]
     if servo.travel < _MOVED * servo.commanded:
         asks = "is it switched on, and this its column?" + _in_other_unit(unit, servo)
@@ -89,17 +88,6 @@ def _in_other_unit(unit: str, servo: ServoResponse) -> str:
     factor, other, _ = OTHER_UNITS[unit]
     is_alike = servo.commanded / _SCALE < servo.travel * factor < servo.commanded * _SCALE
     return f" Or are these {unit}, and the sensor says {other}?" * is_alike
-
-
-def _are_velocities(joint: Watched, servo: ServoResponse, following: Following) -> Doubt | None:
-    """Readings that are taken for positions, and follow commanded speeds themselves."""
-    if not joint.positions:
-        return None
-    own = follows(joint._replace(measured=joint.positions), servo)
-    if not own.is_clear or abs(own.correlation) < abs(following.correlation) + _VELOCITIES:
-        return None
-    says = f"reads what follows its commanded speed (correlation {own.correlation:.2f})"
-    return _doubt(joint, says, 'are these velocities? give the sensor quantity = "velocity"')
 
 
 def _other_scale(joint: Watched, following: Following) -> Doubt | None:

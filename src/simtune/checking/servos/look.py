@@ -10,6 +10,7 @@ from simtune.checking.servos.fit import ServoResponse, fit_servo, predict
 from simtune.checking.servos.following import Watched, follows
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.play import find_play
+from simtune.checking.servos.velocities import VELOCITIES
 from simtune.fit import FEWEST_STEPS
 from simtune.run.files import plain
 
@@ -36,10 +37,12 @@ def look_at(joint: Watched, others: Sequence[Watched] = ()) -> SeenJoint:
     play = None if joint.is_speed else find_play(servo, asked, measured, joint.step_s)
     (predicted,) = predict(servo, asked[:1], joint.step_s)
     following = follows(joint, servo)
+    found = doubts(joint, servo, following, others)
+    are_velocities = any(doubt.kind == VELOCITIES for doubt in found)
     return SeenJoint(
         servo,
         play.width if play and play.is_clear(servo.noise) else None,
         Curve(joint.unit, asked[0], measured[0], predicted, servo),
-        doubts(joint, servo, following, others),
-        misread_by=misread_by(joint.unit, following),
+        found,
+        misread_by=None if are_velocities else misread_by(joint.unit, following),
     )

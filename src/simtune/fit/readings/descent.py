@@ -21,6 +21,7 @@ class Descent:
     point: Point
     noise: np.ndarray  # (D,) root mean square of the residuals
     slopes: StretchSlopes | None = None
+    is_cut_off: bool = False  # whether time ended it
 
     @property
     def unit(self) -> np.ndarray:

@@ -21,6 +21,7 @@ class DifferencePoint(NamedTuple):
     states: np.ndarray  # (W, nq + nv) initial states
     unit: np.ndarray  # (N,) in unit coordinates
     start_std: np.ndarray  # (S,) prior std of an initial state: the units of its unknowns
+    touches: bool = True  # whether anything does in these stretches
 
 
 def differentiate(
@@ -31,7 +32,7 @@ def differentiate(
     One-sided differences would seem to separate parameters with the same effect, such as a servo's
     kv and its joint's damping, by their curvature. After a contact the smallest change may lead
     elsewhere; such a derivative is noise, but looks very informative. So derivatives are shrunk by
-    how well both sides agree. `one_sided`: faster and slightly wrong, used where nothing can touch.
+    how well both sides agree. `one_sided`: faster and slightly wrong, used where nothing touches.
     """
     delta = _deltas(loop, at.unit)
     number = np.arange(len(delta))
@@ -48,7 +49,7 @@ def refresh(
 ) -> StretchSlopes:
     """Update derivatives with few worlds: only each reading's main derivative in every group.
 
-    The others keep their values from a point near by. One-sided where nothing can touch.
+    The others keep their values from a point near by. One-sided where nothing touches.
     """
     delta, num = _deltas(loop, at.unit), len(loop.fitted)
     here, there, others = _changed(loop, at, delta, groups.number, one_sided=True)
@@ -91,7 +92,7 @@ def _changed(
 
     Unknowns of number −1 stay. Returns (W, K + 1, D) predictions; (G, W, K + 1, D) changes; and,
     for the first B groups, which change parameters, (B, W, K + 1, D) changes seen from the other
-    side. B is 0 if `one_sided`, unless something may touch.
+    side. B is 0 if `one_sided`, unless something touches.
     """
     num_groups, num_fitted, unit = number.max() + 1, len(loop.fitted), at.unit
     units = np.repeat(unit[None], num_groups, 0)
@@ -101,7 +102,7 @@ def _changed(
     tangents = np.zeros((num_groups, loop.measured.start_tangents.shape[1]))
     change = (delta[num_fitted:] * at.start_std)[:, None] * loop.measured.start_tangents
     np.add.at(tangents, number[starts], change[starts - num_fitted])
-    twice = 0 if one_sided and not loop.may_touch else number[:num_fitted].max(initial=-1) + 1
+    twice = 0 if one_sided and not at.touches else number[:num_fitted].max(initial=-1) + 1
     back = 2 * unit - units[:twice]
     # At a bound there is no other side: step twice as far instead
     is_inside = np.all((back >= 0) & (back <= 1), axis=1)

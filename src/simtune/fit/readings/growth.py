@@ -25,41 +25,43 @@ _AHEAD = 2  # times the longest segment so far is played to look for the end of 
 def growth(loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray) -> np.ndarray:
     """(W, K + 1) how many times as large as at the start an error of a first position becomes.
 
-    In any reading; both relative to the usual noise, which is also the size of the error: the least
-    one would not say whether something is struck. `unit`: (N,) in unit coordinates.
+    In any reading of a place; both relative to the usual noise, which is also the error's size: the
+    least one would not say whether something is struck. `unit`: (N,) in unit coordinates.
     """
     erring = _erring(loop, stretches)
     predicted, _ = loop.play(stretches, erring, np.repeat(unit[None], len(erring), 0))
-    return _grown(predicted, assumed_noise(loop.sensors))
+    return _grown(loop, predicted)
 
 
 def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments:
     """Segments of worlds with (N,) parameters in unit coordinates: whole episodes, where possible.
 
-    What cannot be followed for some steps is left out, unless that is all. If something may move
-    that no sensor measures, it has no steps: it leads to what comes after, with its errors. Later
-    segments are at most twice as long as the longest before, so that the time that this takes is in
-    proportion to an episode's.
+    What cannot be followed for some steps is left out. If something may be pushed that no sensor
+    measures, it has no steps: it leads to what comes after, with its errors. Later segments are at
+    most twice as long as the longest before, so that the time that this takes is in proportion to
+    an episode's.
     """
     readings, noise = read.readings, assumed_noise(loop.sensors)
     last_row = readings.values.shape[1] - 1
-    next_begin, goes_on = _next_begin(readings, noise), loop.measured.goes_on
+    next_begin, pushed = _next_begin(readings, noise), loop.measured.pushed
+    if loop.measured.bases:
+        read = loop.carried(read, unit, last_row)
     left, found, then = Segments.evenly(readings), list[Segments](), None
     while len(left.episode):
         stretches = read.cut(left)
         erring = _erring(loop, stretches)
         if then is not None:
-            erring = np.where(goes_on, then, erring)
+            erring = np.where(pushed, then, erring)
         units = np.repeat(unit[None], len(erring), 0)
         predicted, _ = loop.play(stretches, erring, units)
-        steps = np.minimum(_steps_followed(_grown(predicted, noise)), left.steps)
+        steps = np.minimum(_steps_followed(_grown(loop, predicted)), left.steps)
         is_rest = left.begin + steps == last_row
         is_kept = is_rest | (steps >= FEWEST_STEPS)
         found.append(left._replace(steps=np.where(is_kept, steps, 0)))
         begin = left.begin + np.where(is_kept, steps, FEWEST_STEPS)
         begin = next_begin[left.episode, np.minimum(begin, last_row)]
         is_left = ~is_rest & (begin + FEWEST_STEPS <= last_row)
-        if goes_on.any() and is_left.any():
+        if pushed.any() and is_left.any():
             leading = left._replace(steps=begin - left.begin).of(is_left)
             lead = read.cut(leading)
             _, _, then = loop.play_apart(lead, erring[:, is_left], units, leading.steps)
@@ -67,25 +69,29 @@ def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments
         rest = np.minimum(last_row - begin, longest)
         left = Segments(left.episode, begin, rest).of(is_left)
     followed = Segments.joined(found)
-    if not goes_on.any():
-        followed = followed.of(followed.steps > 0)
-    return followed if followed.steps.any() else Segments.evenly(readings)
+    return followed if pushed.any() else followed.of(followed.steps > 0)
 
 
 def _erring(loop: OpenLoopReplay, stretches: Stretches) -> np.ndarray:
     """(G, W, nq + nv) initial states: as read, and with an error of each first position."""
     noise, measured = assumed_noise(loop.sensors), loop.measured
-    start_std = measured.start_std(noise, stretches.values)
-    num = len(start_std) // 2  # velocities follow
+    start_std = measured.start_std(noise, stretches)
+    num = measured.num_places  # velocities follow
     errors = np.vstack([np.zeros(num), np.eye(num), -np.eye(num)])
     tangents = (errors * start_std[:num]) @ measured.start_tangents[:num]
     spread = np.repeat(tangents[:, None], len(stretches.states), 1)
     return loop.physics.space.move(stretches.states, spread)
 
 
-def _grown(predicted: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """(W, K + 1) errors of (G, W, K + 1, D) predictions, of which the first is without an error."""
-    return np.abs((predicted[1:] - predicted[0]) / noise).max((0, 3), initial=0.0)
+def _grown(loop: OpenLoopReplay, predicted: np.ndarray) -> np.ndarray:
+    """(W, K + 1) errors of (G, W, K + 1, D) predictions, of which the first is without an error.
+
+    Speeds count only where no position is read: in their usual noise, an error of a position is
+    large at once in whatever swings quickly.
+    """
+    counted = loop.measured.tells_places
+    away = (predicted[1:] - predicted[0])[..., counted] / assumed_noise(loop.sensors)[counted]
+    return np.abs(away).max((0, 3), initial=0.0)
 
 
 def _next_begin(readings: Readings, noise: np.ndarray) -> np.ndarray:

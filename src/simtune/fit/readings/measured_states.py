@@ -5,8 +5,10 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from simtune.fit.physics import Physics
+from simtune.fit.readings.bases import Bases
 from simtune.fit.readings.consistent import ConsistentStates
 from simtune.fit.readings.stretches import (
+    Stretches,
     filled,
     is_within,
     moving_from_the_start,
@@ -32,7 +34,6 @@ class MeasuredStates:
         self.num_readings = ends[-1]  # D
         # Each sensor with its columns of the readings
         self._columns = list(zip(self.sensors, map(slice, ends, ends[1:]), strict=True))
-        # (S, nq + nv) directions of an initial state: each measured position, then its velocity
         places, space = measured_places(sensors), physics.space
         tangents = np.zeros((2 * len(places), space.num_tangent))
         model, self._places = physics.simulator.model, np.array(places, int)
@@ -41,8 +42,12 @@ class MeasuredStates:
         )
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
-        self.start_tangents = tangents
         self.goes_on = what_goes_on(model, sensors, untouched)  # (nq + nv,) bool
+        self.bases = Bases(physics.simulator, sensors, self.goes_on)
+        self.pushed = self.goes_on & ~self.bases.parts  # (nq + nv,) bool: by a robot
+        # (S, 2 nv) directions of an initial state: each measured position, then its velocity, then
+        # what is unknown of bases
+        self.start_tangents = np.concatenate([tangents, self.bases.tangents])
         self.consistent = ConsistentStates(physics.simulator, self._places, self._dofs)
         # (nq,) and (nv,) bool: positions and velocities of loose objects, which no sensor reads
         self.is_loose_position, self.is_loose = np.zeros(model.nq, bool), np.zeros(model.nv, bool)
@@ -52,6 +57,17 @@ class MeasuredStates:
         self.gliding = gliding_joints(model, places)
         self.is_loose_position[model.jnt_qposadr[self.gliding]] = True
         self.is_loose[model.jnt_dofadr[self.gliding]] = True
+
+    @property
+    def num_places(self) -> int:
+        """Of measured positions."""
+        return len(self._places)
+
+    @property
+    def tells_places(self) -> np.ndarray:
+        """(D,) bool: readings of positions, and of speeds of joints whose positions none reads."""
+        speeds = [s.places if s.is_velocity else np.full(s.size, -1) for s in self.sensors]
+        return ~np.isin(np.concatenate(speeds), self._dofs)
 
     @property
     def knows_all_but_objects(self) -> bool:
@@ -87,16 +103,20 @@ class MeasuredStates:
                 continue
             states[..., sensor.places] = joint_values
             states[..., self._velocities_of(sensor)] = velocities(joint_values) / step_s
-        return self.consistent.following(states, unit, self.physics.some_state)
+        states = self.consistent.following(states, unit, self.physics.some_state)
+        states[:, 0] = self.bases.roll(states[:, 0], unit)
+        return states
 
     def change_per_late_step(self, states: np.ndarray) -> np.ndarray:
         """(E, T + 1, 2 nv) change of states per step of lateness of the readings.
 
-        Extrapolated from (E, T + 1, nq + nv) states as read.
+        Extrapolated from (E, T + 1, nq + nv) states as read. Bases stay: they are not read.
         """
         velocities = states[..., self.physics.space.nq :]
         moved = self.physics.simulator.step_s * velocities
-        return np.concatenate([moved, np.gradient(velocities, axis=1)], -1)
+        changes = np.stack([moved, np.gradient(velocities, axis=1)], -2)
+        changes[..., self.bases.parts[self.physics.space.nq :]] = 0.0
+        return changes.reshape(*states.shape[:-1], -1)
 
     def corrected(self, states: np.ndarray, change: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) states with measured positions changed by `change`, (E, T + 1, D).
@@ -118,12 +138,12 @@ class MeasuredStates:
         """(..., nq + nv) states moved by (..., 2 nv), not yet `consistent`."""
         return self.physics.space.move(states, tangents)
 
-    def start_std(self, noise: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """(S,) prior std of an initial state, for (W, K + 1, D) readings with noise (D,).
+    def start_std(self, noise: np.ndarray, stretches: Stretches) -> np.ndarray:
+        """(S,) prior std of an initial state of stretches, whose readings have noise (D,).
 
         A jerking servo turns faster within a step than the parabola through its readings says.
         """
-        std, bends = np.zeros((2, len(self._places)))
+        values, (std, bends) = stretches.values, np.zeros((2, self.num_places))
         # Before the first reading and after the last, such as in a padded episode, nothing moves
         known = is_within(values)[:, 2:] & is_within(values)[:, :-2]
         bent = np.square(np.diff(filled(values), 2, axis=1)) * known
@@ -133,7 +153,10 @@ class MeasuredStates:
                 places = np.searchsorted(self._places, sensor.places)
                 std[places], bends[places] = noise[columns], bend[columns]
         step_s = self.physics.simulator.step_s
-        return np.concatenate([std, np.hypot(_VELOCITY_ERROR * std, bends) / step_s])
+        speeds = np.hypot(_VELOCITY_ERROR * std, bends) / step_s
+        begins_later = stretches.begin is not None and bool(stretches.begin.any())
+        of_bases = self.bases.start_std(stretches.states, begins_later)
+        return np.concatenate([std, speeds, of_bases])
 
     def starts_by_offset(self) -> np.ndarray:
         """(D, S) derivatives of initial states by readings' offsets: what was read, less these."""

@@ -17,7 +17,7 @@ from simtune.fit.readings.parts import parts_to_play
 from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Readings, Stretches
-from simtune.fit.readings.unmeasured import bases, carried, play_in_turn
+from simtune.fit.readings.unmeasured import carried, play_in_turn
 from simtune.observation import (
     JointSensor,
     ObservationModel,
@@ -30,6 +30,8 @@ from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
 _FAR_AWAY = 1e3  # in units of the model's extent
 _FEW = 3  # episodes
+_LITTLE = 0.005  # of how far readings travel
+_LOOKS_PER_STEP = 4  # for contacts: an impact may be over within a step
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,6 @@ class OpenLoopReplay:
     # (nq + nv,) where another episode begins, NaN but for the unseen joints' positions; None: these
     # do not matter
     elsewhere: np.ndarray | None = None
-
-    @property
-    def bases(self) -> tuple[str, ...]:
-        """Joints that no sensor measures and that carry measured ones, such as a free base's."""
-        model, places = self.physics.simulator.model, measured_places(self.sensors)
-        return bases(model, places, self.measured.goes_on)
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -84,6 +80,20 @@ class OpenLoopReplay:
         """Whether contacts are possible."""
         no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value
         return not self.physics.simulator.model.opt.disableflags & no_contacts
+
+    def touches(self, stretches: Stretches, unit: np.ndarray) -> bool:
+        """Whether anything does, or reaches a joint's limit, while stretches are played.
+
+        In a world of (N,) parameters.
+        """
+        if not self.may_touch:
+            return False
+        units = np.repeat(self._parameters(unit)[None], len(stretches.states), 0)
+        counting = self.physics.observing(lambda batch: batch.ncon[:, None] + batch.nl[:, None])
+        states = self.measured.consistent.near(stretches.states, units)
+        often = min(_LOOKS_PER_STEP, self.physics.simulator.num_substeps)
+        left = stretches.actuator_states
+        return bool(counting.play(states, units, stretches.actions, left, often)[1].any())
 
     @classmethod
     def of(
@@ -125,8 +135,9 @@ class OpenLoopReplay:
         """The same, but nothing is unseen if no reading shows where it begins.
 
         Wheels turn alike wherever on a floor their robot begins. Two such starts are played in a
-        world of (N,) `unit` coordinates; what readings show is more than their usual noise. If one
-        diverges, nobody knows.
+        world of (N,) `unit` coordinates; what readings show is more than their usual noise and half
+        a percent of their travel, as wheels differ that bounce a little. If one diverges, nobody
+        knows.
         """
         if self.elsewhere is None or not self.unseen:
             return self
@@ -135,7 +146,8 @@ class OpenLoopReplay:
         moved = np.where(np.isnan(self.elsewhere), stretches.states, self.elsewhere)
         both = np.stack([stretches.states, moved])
         predicted, _ = self.play(stretches, both, np.repeat(unit[None], 2, 0))
-        shows = np.abs(predicted[1] - predicted[0]) > assumed_noise(self.sensors)
+        little = assumed_noise(self.sensors) + _LITTLE * stretches.travel[:, None]
+        shows = np.abs(predicted[1] - predicted[0]) > little
         may_show = shows.any() or is_lost(predicted).any()
         return self if may_show else replace(self, elsewhere=None)
 
@@ -152,8 +164,10 @@ class OpenLoopReplay:
 
     def finer(self) -> "OpenLoopReplay | None":
         """The same with half the physics timestep; None: see `Simulator.finer`."""
-        if (physics := self.physics.finer()) is None:
-            return None
+        physics = self.physics.finer()
+        return None if physics is None else self._with(physics)
+
+    def _with(self, physics: Physics) -> "OpenLoopReplay":
         measured = copy.copy(self.measured)
         measured.physics = physics
         return replace(self, measured=measured)
@@ -191,8 +205,14 @@ class OpenLoopReplay:
         goes_on: bool = False,
     ) -> Stretches:
         """Stretches of these segments; `goes_on`: see `Stretches`."""
-        read = self.states_of(readings, unit, offsets)
-        if segments.begin.any() and not goes_on:  # else a replay leads to later ones
+        return self.cut_read(self.states_of(readings, unit, offsets), unit, segments, goes_on)
+
+    def cut_read(
+        self, read: ReadStates, unit: np.ndarray, segments: Segments, goes_on: bool = False
+    ) -> Stretches:
+        """As `cut_at`, of `states_of` readings in that world."""
+        # Else the replay of the part before leads to what was pushed
+        if segments.begin.any() and (not goes_on or self.measured.bases):
             read = self.carried(read, unit, segments.begin.max())
         return read.cut(segments, goes_on)
 
@@ -224,10 +244,10 @@ class OpenLoopReplay:
 
         From (G, W, nq + nv) initial states, in worlds of (G, N) parameters in unit coordinates.
         Predictions stay where they are long after a stretch's last reading. If stretches go on,
-        what is not measured begins where the stretch before leads to.
+        what was pushed begins where the stretch before leads to.
         """
-        if stretches.goes_on and self.measured.goes_on.any():
-            return play_in_turn(self.play_apart, stretches, states, units, self.measured.goes_on)
+        if stretches.goes_on and self.measured.pushed.any():
+            return play_in_turn(self.play_apart, stretches, states, units, self.measured.pushed)
         return self.play_apart(stretches, states, units)[:2]
 
     def play_apart(

@@ -17,6 +17,7 @@ measurement, with τ_d its integrated autocorrelation time.
 """
 
 import time
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -77,31 +78,32 @@ class OutputErrorMethod:
         stretches = loop.cut_at(readings, begin.unit, begin.offsets, segments, stage.goes_on)
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
-        derived_s = self.num_worlds * (time.monotonic() - began_s)
-        if near and len(near.objective.stretches.states) != len(stretches.states):
+        played_s, touches = time.monotonic() - began_s, loop.touches(stretches, begin.unit)
+        if near and near.objective.stretches.values.shape != stretches.values.shape:
             near = None  # of a delay that leaves fewer stretches
         left = played[0] + begin.offsets - stretches.values
         noise = spread(left, assumed_noise(loop.sensors))
-        if near:
-            start_std = near.objective.start_std
-        else:
-            start_std = loop.measured.start_std(noise, stretches.values)
+        start_std = near.objective.start_std if near else loop.measured.start_std(noise, stretches)
         objective = ReplayObjective(
-            loop, stretches, begin, start_std, self._finds_offset, self.prior
+            loop, stretches, begin, start_std, self._finds_offset, self.prior, touches
         )
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
-        return self._iterate(begun, stage.iterations, budget, derived_s if near is None else 0.0)
+        takes_s = 0.0 if near else self.num_worlds(touches) * played_s
+        return self._iterate(begun, stage.iterations, budget, takes_s)
 
     def follow(self, readings: Readings, guess: Guess) -> Segments:
         """Whole episodes, or the segments of them that replay can follow."""
+        return self.followed(readings, guess).or_whole(readings)
+
+    def followed(self, readings: Readings, guess: Guess) -> Segments:
+        """As `follow`; if replay can follow nothing, there are none."""
         loop = self._loop
         return follow(loop, loop.states_of(readings, guess.unit, guess.offsets), guess.unit)
 
-    @property
-    def num_worlds(self) -> int:
-        """How many are played for all derivatives."""
+    def num_worlds(self, touches: bool) -> int:
+        """How many are played for all derivatives of a descent, if anything touches in it."""
         num = len(self._loop.fitted)
-        return 1 + num * (1 + self._loop.may_touch) + len(self._loop.measured.start_tangents)
+        return 1 + num * (1 + touches) + len(self._loop.measured.start_tangents)
 
     def _iterate(
         self, descent: Descent, iterations: int, budget: Budget, takes_s: float = 0.0
@@ -115,7 +117,7 @@ class OutputErrorMethod:
         for _ in range(iterations):
             began_s = time.monotonic()
             if budget.is_over or takes_s > budget.seconds_left:
-                break
+                return replace(descent, is_cut_off=True)
             at = descent.objective.difference_point(descent.point)
             if descent.slopes is None or groups is None:
                 slopes = differentiate(loop, at, one_sided=True)

@@ -53,6 +53,7 @@ class ReplayObjective:
     start_std: np.ndarray  # (S,) prior std of an initial state
     finds_offset: np.ndarray  # (D,) bool
     prior: np.ndarray  # (N,) first guess, in unit coordinates
+    touches: bool = True  # whether anything does in these stretches
 
     def begin(self, guess: Guess) -> Point:
         """With initial states from the readings."""
@@ -66,7 +67,9 @@ class ReplayObjective:
         return begin is not None and begin[0] == self.stretches.episode[0] == 0
 
     def difference_point(self, point: Point) -> DifferencePoint:
-        return DifferencePoint(self.stretches, point.states, point.unit, self.start_std)
+        return DifferencePoint(
+            self.stretches, point.states, point.unit, self.start_std, self.touches
+        )
 
     def play(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """(W, K + 1, D) predictions without offsets, and (W, S) first full states."""

@@ -36,6 +36,10 @@ class Segments(NamedTuple):
         both = cls(*(np.concatenate(parts) for parts in zip(*some, strict=True)))
         return both.of(np.lexsort((both.begin, both.episode)))
 
+    def or_whole(self, readings: Readings) -> "Segments":
+        """These, or whole episodes if none of these is compared with readings."""
+        return self if self.steps.any() else Segments.evenly(readings)
+
     def are(self, others: "Segments") -> bool:
         """Whether these are the same."""
         return all(map(np.array_equal, self, others))

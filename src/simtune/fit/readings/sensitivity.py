@@ -49,7 +49,8 @@ class ReadingChanges:
     information: np.ndarray
     information_at_best: np.ndarray | None
     # (E,) of the replayed episodes, NaN if it went astray: how many times as large as at the start
-    # an error of a first position becomes, in any reading, both relative to the usual noise
+    # an error of a first position becomes, in any reading of a place, both relative to the usual
+    # noise
     growth: np.ndarray
 
     @property
@@ -108,7 +109,8 @@ class ReplayedReadings:
         no_offsets = np.zeros(few.values.shape[-1])
         read = self._loop.states_of(few, self._unit, no_offsets)
         self._stretches = read.cut(Segments.evenly(few))
-        self._followed = read.cut(follow(self._loop, read, self._unit), goes_on=True)
+        followed = follow(self._loop, read, self._unit).or_whole(few)
+        self._followed = self._loop.cut_read(read, self._unit, followed, goes_on=True)
 
     def changes(
         self, changed: np.ndarray, noise: np.ndarray, at_best: np.ndarray | None = None
@@ -156,7 +158,7 @@ class ReplayedReadings:
         loop, unit, num = self._loop, self._unit, len(self._unit)
         if self._may_be_late:  # as in a fit
             loop, unit = loop.with_lateness(), np.append(unit, Lateness.unit(0.0))
-        start_std = loop.measured.start_std(assumed_noise(loop.sensors), stretches.values)
+        start_std = loop.measured.start_std(assumed_noise(loop.sensors), stretches)
         slopes = differentiate(loop, DifferencePoint(stretches, stretches.states, unit, start_std))
         nothing_left = 0 * stretches.values  # NaN where nothing was read
         offsets = finds_offset(loop.sensors)

@@ -58,7 +58,7 @@ class Stretches(NamedTuple):
     # (W, 2 nv) derivative of `states` by a lateness's unit coordinate; None: there is no lateness
     drift: np.ndarray | None = None
     begin: np.ndarray | None = None  # (W,) rows of their episodes
-    # Whether what no sensor measures goes on from the stretch before, in order of time
+    # Whether what is pushed, unmeasured, goes on from the stretch before, in order of time
     goes_on: bool = False
 
     def of(self, chosen: np.ndarray) -> "Stretches":

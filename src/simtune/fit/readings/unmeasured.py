@@ -49,19 +49,6 @@ def what_goes_on(
     return found
 
 
-def bases(
-    model: mujoco.MjModel, places: Sequence[int] | np.ndarray, goes_on: np.ndarray
-) -> tuple[str, ...]:
-    """Joints of bases, on which joints at measured `places` are, if their motion `goes_on`."""
-    above = set[int]()
-    for body in model.jnt_bodyid[np.isin(model.jnt_qposadr, places)].tolist():
-        while body:
-            above.add(body)
-            body = int(model.body_parentid[body])
-    of_bases = np.isin(model.dof_bodyid, list(above)) & goes_on[model.nq :]
-    return tuple(model.joint(j).name for j in np.unique(model.dof_jntid[of_bases]).tolist())
-
-
 def carried(
     physics: Physics,
     states: np.ndarray,

@@ -59,7 +59,7 @@ def _explaining(
 ) -> np.ndarray:
     """(W, nq + nv) initial states that explain the first steps best, of which some are `unread`."""
     noise, states = assumed_noise(loop.sensors), first.states
-    start_std = loop.measured.start_std(noise, first.values) * (1 + _GUESSED * unread)
+    start_std = loop.measured.start_std(noise, first) * (1 + _GUESSED * unread)
     if not len(start_std):  # only velocities are read
         return states
     shift = np.zeros((len(states), len(start_std)))

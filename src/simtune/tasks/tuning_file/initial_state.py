@@ -17,6 +17,7 @@ _SLIDE = mujoco.mjtJoint.mjJNT_SLIDE.value
 _KINDS = ("recording", "distribution", "keyframe")
 # Share of the model's extent: unlimited slides and free joints start within it of their pose
 _NEAR = 0.1
+_MOST_TURN = 4 * np.pi  # either way: one turn is all, and of degrees it would be little
 
 
 def read_initial_state(table: TomlTable, model: mujoco.MjModel) -> Start:
@@ -86,7 +87,7 @@ def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, list[Spread]
                 triple = given.pairs("position", 3)
                 positions += [Spread(at + i, *pair) for i, pair in enumerate(triple)]
             if "turn" in given:
-                turns.append(Spread(at + 3, *given.pair("turn")))
+                turns.append(Spread(at + 3, *_turn(given)))
         elif kind in HINGE_OR_SLIDE:
             given.allow("position", "velocity")
             if "position" in given:
@@ -96,6 +97,19 @@ def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, list[Spread]
         else:
             raise joints.error(f"{name} is a ball joint, which cannot be drawn: leave it out", name)
     return {"positions": positions, "turns": turns, "velocities": velocities}
+
+
+def _turn(given: TomlTable) -> tuple[float, float]:
+    """About the vertical, of a free joint."""
+    low, high = given.pair("turn")
+    if max(abs(low), abs(high)) > _MOST_TURN:
+        begin, end = np.deg2rad([low, high])
+        raise given.error(
+            f"turn is in rad, at most two whole turns, got {low:g} to {high:g}; if "
+            f"those are degrees, write {begin:.4g} and {end:.4g}",
+            "turn",
+        )
+    return low, high
 
 
 def _within_limits(given: TomlTable, model: mujoco.MjModel, joint: int) -> tuple[float, float]:

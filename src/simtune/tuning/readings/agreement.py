@@ -18,7 +18,8 @@ class BestDescent(NamedTuple):
     """The best of several descents, and how far others agree."""
 
     best: Descent
-    # (P,) half the difference from others that agree with it, at most, or from the next best
+    # (P,) half the difference from others that agree with it, at most, or from the next best one
+    # that ended
     apart: np.ndarray
     is_sure: bool  # whether another one agrees
     num_fits: int
@@ -34,7 +35,9 @@ def best_of(fits: Sequence[Descent], moving: np.ndarray, is_whole: bool) -> Best
     best, *others = sorted(fits, key=lambda descent: descent.log_rms)
     is_sure = agree(fits, moving)
     near = [d for d in others if d.log_rms < best.log_rms + CLEARLY_BETTER]
-    near += _next_to_best(fits, moving) if is_sure else others[:1]
+    # Where time cut a fit off says nothing
+    ended = [descent for descent in others if not descent.is_cut_off]
+    near += _next_to_best(fits, moving) if is_sure else ended[:1]
     differences = ([descent.unit for descent in (best, *near)] - best.unit)[:, moving] / 2
     apart = np.take_along_axis(differences, np.abs(differences).argmax(0)[None], 0)[0]
     return BestDescent(best, apart, is_sure, len(fits), is_whole)

@@ -40,6 +40,7 @@ _SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should return
 _FEW_FITS = 4  # to whole episodes, if two of stretches agree
 _HURRY = 0.3  # share of the time, after which two that agree suffice to go on
 _MOST_CUTS = 3  # of episodes into segments, before other fits
+_FEW = 3  # episodes that tell how far replays can be followed
 _TOGETHER = 2  # of these fits start with all parameters higher or all lower
 
 
@@ -56,6 +57,13 @@ class Horizon(NamedTuple):
 # Shares of the iterations that are made, and latencies that are tried, usually
 _GROWING, _LOOKING, _LATENCIES = 0.25, 0.45, 4
 _AT_LATENCY = Horizon(1.0, 1, 24)  # horizon at which a latency is searched for
+
+
+class Latency(NamedTuple):
+    """Of actions."""
+
+    steps: int = 0
+    is_known: bool = True  # False: there was no time to look for a longer one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,24 +109,40 @@ class ReadingsDescents:
         """
         self._method, self._readings, self._step_s, self._seed = method, readings, step_s, seed
         self._bounds, self._horizons = bounds, horizons
+        self._followed_s = math.inf  # see `_measure_followed`
         # The first descent of each stage, by (steps, at_most): others begin with its derivatives
         self._near = dict[tuple[int | None, int | None], Descent]()
 
     def begin(self, first_guess: np.ndarray) -> list[Guess]:
         """The first guess, (N,) in unit coordinates, and random ones for the first horizon."""
         low, high = self._bounds
-        rng, inside = np.random.default_rng(self._seed), _INSIDE * (high - low)
+        rng, inside = np.random.default_rng((self._seed, 2)), _INSIDE * (high - low)
         units = [np.clip(first_guess, low + inside, high - inside)]
         count = self._horizons.growing[0].guesses
         units += [rng.uniform(low, high) for _ in range(count - 1)]
-        return [Guess(unit, np.zeros(self._readings.values.shape[-1])) for unit in units]
+        guesses = [Guess(unit, np.zeros(self._readings.values.shape[-1])) for unit in units]
+        self._followed_s = self._measure_followed(guesses[0])
+        return guesses
+
+    def _measure_followed(self, guess: Guess) -> float:
+        """The seconds for which half of a few episodes, or more, can be followed open loop.
+
+        Stretches that are longer lead astray: a robot that a controller balances falls in them.
+        """
+        few = Readings(self._readings.actions[:_FEW], self._readings.values[:_FEW])
+        steps = self._method.followed(few, guess).steps
+        if not steps.any():
+            return 0.0
+        if steps.min() == few.actions.shape[1]:
+            return math.inf
+        return float(np.median(np.repeat(steps, steps))) * self._step_s
 
     def grow(
         self, guesses: list[Guess], budget: Budget, latency_steps: int = 0, to_s: float = math.inf
     ) -> list[Descent]:
-        """Descents at the last horizon, or at `to_s`, best first."""
+        """Descents at the last horizon that can be followed, or at `to_s`, best first."""
         readings, ended = self._readings.delayed(latency_steps), list[Descent]()
-        horizons = [h for h in self._horizons.growing if h.seconds <= to_s]
+        horizons = self._growing_to(to_s)
         for number, horizon in enumerate(horizons):
             budget.report(f"fitting stretches of {horizon.seconds:g} s", number / len(horizons))
             stage = self._stage(horizon, self._horizons.iterations)
@@ -135,32 +159,42 @@ class ReadingsDescents:
             guesses = [descent.guess for descent in ended]
         return ended
 
-    def find_latency(self, guess: Guess, budget: Budget) -> tuple[Guess, int]:
-        """The latency of actions, in steps, if one explains clearly more.
+    def _growing_to(self, seconds: float) -> list[Horizon]:
+        """Those that can be followed, and the first one in any case."""
+        first, *longer = self._horizons.growing
+        return [first, *(h for h in longer if h.seconds <= min(seconds, self._followed_s))]
+
+    def find_latency(self, guess: Guess, budget: Budget) -> tuple[Guess, Latency]:
+        """The latency of actions, if one explains clearly more.
 
         `guess`: a first one; also returns the best one found. Each number of steps starts from the
         lateness that leaves the whole delay as it was. Of two numbers that allow for it, the one
         is taken that leaves at most half a step: at the end of its range, a lateness hides the
         rest of a delay, and a servo's damping takes its place.
         """
-        grown = self.grow([guess], budget, to_s=_AT_LATENCY.seconds)[0]
-        stage = self._stage(_AT_LATENCY, self._horizons.latency_iterations)
+        half = budget.part(budget.seconds_left / 2, (0.0, 0.5))  # the rest is to look for it
+        grown = self.grow([guess], half, to_s=_AT_LATENCY.seconds)[0]
+        horizon = self._growing_to(_AT_LATENCY.seconds)[-1]
+        stage = self._stage(horizon, self._horizons.latency_iterations)
         left = self._readings.values.shape[1] - 1 - FEWEST_STEPS
         longest = min(most_latency_steps(self._step_s) - 1, left)
         best = self._method.descend(self._readings, grown.guess, stage, budget, grown)
-        steps = 0
+        steps, is_known = 0, not best.is_cut_off
         for number in range(1, longest + 1):
+            if not is_known:
+                break
             budget.report("looking for a delay", number / longest)
             late = self._readings.delayed(number)
             begin = self._sooner(best.guess, number - steps)
             descent = self._method.descend(late, begin, stage, budget, best)
+            is_known = not descent.is_cut_off
             if descent.log_rms < best.log_rms - CLEARLY_BETTER:
                 best, steps = descent, number
-            elif number > steps + 2 or budget.is_over:
+            elif number > steps + 2:
                 break
         left = float(Lateness.steps(best.unit[-1])) if self._method.has_lateness else 0.0
         more = int(left > _MOST_LEFT) - int(left < -_MOST_LEFT and steps > 0)
-        return self._sooner(best.guess, more), steps + more
+        return self._sooner(best.guess, more), Latency(steps + more, is_known)
 
     def _sooner(self, guess: Guess, steps: int) -> Guess:
         """With so many steps less of a lateness, if that is fitted."""

@@ -1,5 +1,6 @@
 """Joint readings, fitted alone before the first round of a search that looks at videos."""
 
+import math
 from typing import Any
 
 from simtune.budget import Budget
@@ -18,6 +19,18 @@ _NO_TIME = (
     "are fitted with the videos, tell less of servos, dampings and frictions. Give it more "
     "minutes, or look at the readings alone (--observe joints)."
 )
+
+
+def seconds_for(left_s: float, round_s: float, knows_robot: bool) -> float:
+    """Of the time that is left, before a round; `knows_robot`: where all but loose objects is.
+
+    If videos cannot be fitted in what the least share leaves, readings get all that they may.
+    """
+    if math.isinf(left_s):
+        return left_s
+    most, least = _ROBOT_READ if knows_robot else (_SHARE, _LEAST_SHARE)
+    spare = left_s - round_s
+    return min(most * left_s, spare) if spare >= least * left_s else most * left_s
 
 
 class ReadingsFirst:
@@ -43,11 +56,7 @@ class ReadingsFirst:
             first, self.warnings = real[-self._num_episodes :], []
             if found := search_of(self._context, first):
                 search, loop = found
-                is_read = loop.measured.knows_robot  # where all but loose objects is
-                most, least = _ROBOT_READ if is_read else (_SHARE, _LEAST_SHARE)
-                left = budget.seconds_left
-                spare = max(left - round_s, least * left)
-                seconds = left if budget.is_endless else min(most * left, spare)
+                seconds = seconds_for(budget.seconds_left, round_s, loop.measured.knows_robot)
                 self._fit(search, first, budget.part(seconds, (0.0, 0.1), "readings: "))
         return self._estimate
 

@@ -36,7 +36,7 @@ from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.pace import slow_steps
 from simtune.tuning.readings.agreement import BestDescent
-from simtune.tuning.readings.descents import Horizons, ReadingsDescents
+from simtune.tuning.readings.descents import Horizons, Latency, ReadingsDescents
 from simtune.tuning.readings.verdict import ReadingsResult, conclude
 from simtune.tuning.readings.warnings import Unmeasured
 from simtune.tuning.rounds import half_widths, is_precise
@@ -102,10 +102,11 @@ class ReadingsSearch(Search):
         readings, loop = self.look_at(real)
         unit, method = self._begin(loop), self._method(loop)
         stretches = loop.cut(readings, unit, np.zeros(loop.measured.num_readings))
-        began_s = time.monotonic()
-        loop.play(stretches, stretches.states[None], unit[None])
+        began_s, touches = time.monotonic(), loop.touches(stretches, unit)
+        if not loop.may_touch:  # else it was played for that
+            loop.play(stretches, stretches.states[None], unit[None])
         once_s, steps = time.monotonic() - began_s, sum(map(len, real))
-        self._derived_s = method.num_worlds * once_s
+        self._derived_s = method.num_worlds(touches) * once_s
         horizons, step_s = self.config.horizons, self._simulator.step_s
         grown = sum(h.share(steps, step_s) for h in horizons.growing)
         least_s = (grown + 2) * self._derived_s
@@ -142,19 +143,17 @@ class ReadingsSearch(Search):
             self.measure_time(real)
         readings, loop = self.look_at(real)
         method = self._method(loop)
-        found, latency_steps = self._find(method, readings, budget)
+        found, latency = self._find(method, readings, budget)
         budget.report("judging how sure that is", 0.9)
         judged, step_s = method.judge(found.best, budget), self._simulator.step_s
         seen = self.context.observation
-        begin = found.best.objective.stretches.begin
-        in_parts = begin is not None and bool(begin.any())
-        unmeasured = Unmeasured(loop.unseen, loop.bases if in_parts else (), loop.left_out)
-        return conclude(judged, found, self.first, seen, latency_steps, step_s, unmeasured)
+        unmeasured = Unmeasured(loop.unseen, loop.left_out)
+        return conclude(judged, found, self.first, seen, latency, step_s, unmeasured)
 
     def _find(
         self, method: OutputErrorMethod, readings: Readings, budget: Budget
-    ) -> tuple[BestDescent, int]:
-        """The best of several fits, and the latency of actions, in steps."""
+    ) -> tuple[BestDescent, Latency]:
+        """The best of several fits, and the latency of actions."""
         space, step_s, seed = self.first.space, self._simulator.step_s, self.context.seed
         begin, num = method.prior, len(space)
         low, high = (  # what is not searched stays: what pictures show, and a lateness
@@ -162,16 +161,16 @@ class ReadingsSearch(Search):
             for end in (self.first.low, self.first.high)
         )
         fits = ReadingsDescents(method, readings, step_s, (low, high), self.config.horizons, seed)
-        guesses, latency_steps = fits.begin(begin), 0
+        guesses, latency = fits.begin(begin), Latency()
         if self._may_be_late:
             part = budget.part(budget.seconds_left / 4, (0.0, 0.1))
-            guesses[0], latency_steps = fits.find_latency(guesses[0], part)
+            guesses[0], latency = fits.find_latency(guesses[0], part)
         part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
-        ended = fits.grow(guesses, part, latency_steps)
+        ended = fits.grow(guesses, part, latency.steps)
         left_s = budget.seconds_left  # may be infinite, which allows no difference of two shares
         searching_s = min((1 - _JUDGING) * left_s, left_s - _JUDGED * self._derived_s)
         part = budget.part(searching_s, (0.4, 0.9))
-        return fits.fit_until_two_agree(ended, latency_steps, part), latency_steps
+        return fits.fit_until_two_agree(ended, latency.steps, part), latency
 
     def _method(self, loop: OpenLoopReplay) -> OutputErrorMethod:
         return OutputErrorMethod(loop, finds_offset(loop.sensors), self._begin(loop))

@@ -16,6 +16,7 @@ from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
+from simtune.tuning.readings.descents import Latency
 from simtune.tuning.readings.warnings import Unmeasured, all_warnings
 from simtune.tuning.survival_curves import normal_curves
 
@@ -25,9 +26,8 @@ _UNKNOWN_STD = 1.0  # of parameters that only pictures show
 _SMALL = 1e-4  # in unit coordinates
 _HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
 _MAINLY = 0.5  # share of what a parameter changes
-# Factor on errors if no second fit says whether there are several minima, once more if that one
-# does not explain what is read, and if a base's speed is unknown where parts begin: on a robot that
-# balances on wheels, fits crept along a valley and ended 2 to 4 standard deviations from the truth
+# Factor on errors if no second fit says whether there are several minima, and once more if that
+# one does not explain what is read
 _UNSURE = 3.0
 
 
@@ -50,22 +50,18 @@ def conclude(
     found: BestDescent,
     first: Distribution,
     observation: ObservationModel,
-    latency_steps: int,
+    latency: Latency,
     step_s: float,
     unmeasured: Unmeasured,
 ) -> ReadingsResult:
-    """What a fit within the `first` range tells, and how far it can be trusted.
-
-    `latency_steps`: by which actions were found to be late.
-    """
+    """What a fit within the `first` range tells, and how far it can be trusted."""
     space, sensors = first.space, joints_of(observation.sensors)
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
-    reasons = int(not found.is_sure) * (1 + int(off.any())) + bool(unmeasured.carried)
+    reasons = int(not found.is_sure) * (1 + int(off.any()))
     std, correlation = _errors(judged, found, space, observation, _UNSURE**reasons)
     read, seen = _read(judged.unit, std, first)
-    is_in_time = not is_too_late(judged.late_steps[0])
-    is_sure = found.is_sure and is_in_time
-    is_sure = is_sure and not unmeasured.unseen and not unmeasured.carried
+    is_in_time = latency.is_known and not is_too_late(judged.late_steps[0])
+    is_sure = found.is_sure and is_in_time and not unmeasured.unseen
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
     doubtful[~space.is_appearance] |= judged.shares[:, off | may_be_off].sum(1) > _MAINLY
@@ -75,11 +71,9 @@ def conclude(
         verdict=at_most_weak(read.verdict, doubtful),
         correlation=correlation,
         correlations=correlated_pairs(correlation, space),
-        warnings=all_warnings(
-            judged, found, space, observation, latency_steps, step_s, unmeasured, std
-        ),
+        warnings=all_warnings(judged, found, space, observation, latency, step_s, unmeasured, std),
         start=None if judged.start is None else judged.start.tolist(),
-        latency_steps=latency_steps,
+        latency_steps=latency.steps,
         readings_late_s=(judged.late_steps[0] * step_s, judged.late_steps[1] * step_s),
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )

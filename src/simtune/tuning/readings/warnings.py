@@ -17,6 +17,7 @@ from simtune.fit.lateness import is_too_late
 from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
+from simtune.tuning.readings.descents import Latency
 
 _MOST_NAMED = 6  # parameters at a bound
 _NEARLY_ALL = 0.8  # of the readings
@@ -33,8 +34,7 @@ _ONE_FIT = (
 )
 _BY_STRETCHES = (
     "Fits to whole episodes ended at no answer twice, as where the least change throws a motion "
-    "elsewhere; fits to stretches of two seconds did, and leave little but noise: the estimate is "
-    "theirs."
+    "elsewhere; fits to shorter stretches did, and leave little but noise: the estimate is theirs."
 )
 _UNTESTED = (
     "The simulator leaves {} off by over four times the noise that encoders usually have, and the "
@@ -56,12 +56,10 @@ _UNSEEN = (
     "or look at a camera as well. If the robot always begins the same, say so by a keyframe "
     "([initial_state]); if it is mounted, by fixed_joints."
 )
-_CARRIED = (
-    "No sensor measures how {} moves, and replays can be followed in parts only, as of a robot "
-    "that a controller balances. A part begins as fast as the one before ended, which fits allow "
-    "for poorly: they may end far from the truth. So intervals are three times wider for that, and "
-    "nothing that readings tell is called identified. Measure that speed, tie it to the wheels "
-    "(<equality>), or record the robot on a stand, with fixed_joints."
+_MAYBE_LATER = (
+    "There was no time to look for a longer delay of actions: it may pass for damping, so nothing "
+    "that readings tell is called identified. Give it more minutes, or declare a parameter of kind "
+    "delay."
 )
 _AT_BOUNDS_BUT_OFF = (
     "{} ended at a bound of the range, as happens where replays cannot explain what is read: wider "
@@ -73,7 +71,6 @@ class Unmeasured(NamedTuple):
     """Joints that no sensor measures, though readings depend on them."""
 
     unseen: tuple[str, ...] = ()  # those that begin anywhere
-    carried: tuple[str, ...] = ()  # those of bases, if episodes are fitted in parts
     left_out: tuple[str, ...] = ()  # loose objects, which nothing touches in replays
 
 
@@ -82,13 +79,13 @@ def all_warnings(
     found: BestDescent,
     space: ParameterSpace,
     observation: ObservationModel,
-    latency_steps: int,
+    latency: Latency,
     step_s: float,
     unmeasured: Unmeasured,
     std: np.ndarray,
 ) -> list[str]:
     """Of a fit with errors of (N,) `std` in unit coordinates; the rest as in `conclude`."""
-    unseen, carried, left_out = unmeasured
+    unseen, left_out = unmeasured
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
     off = unexplained(judged.noise, joints_of(observation.sensors))
     is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
@@ -96,8 +93,8 @@ def all_warnings(
     by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
     return [
         *([unseen_warning(unseen)] if unseen else []),
-        *([_CARRIED.format(cut(carried, _MOST_NAMED))] if carried else []),
-        *delay_warnings("readings", latency_steps, *late_s, step_s),
+        *delay_warnings("readings", latency.steps, *late_s, step_s),
+        *([] if latency.is_known else [_MAYBE_LATER]),
         *([too_late_warning("Readings", late_s[0])] if is_too_late(judged.late_steps[0]) else []),
         *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
         *([] if unseen else _of_end(found)),

@@ -1,0 +1,49 @@
+"""A budget in which networks alone will have the say is said to be one before minutes are spent."""
+
+from types import SimpleNamespace
+
+import pytest
+from search_context import context_of
+
+from simtune import tuning_run
+from simtune.tasks import load_task
+from simtune.tuning.posterior import PosteriorSearch
+from simtune.tuning.search import TimeNeeded
+
+
+@pytest.fixture(scope="module")
+def context():
+    return context_of(load_task("cartpole").simulator(image_size=32))
+
+
+@pytest.mark.parametrize(
+    ("minutes", "sensors", "is_said"),
+    [
+        (6.0, (), True),  # 340 s of 1309
+        (6.0, ("encoders",), True),
+        (6.9, (), False),  # .3 of them
+    ],
+)
+def test_a_budget_hardly_enough_for_a_fit_says_what_to_expect_and_what_is_cheaper(
+    context, tiny, caplog, minutes, sensors, is_said
+):
+    search = PosteriorSearch(context, tiny)
+    search.context = SimpleNamespace(can_fit=True, observation=SimpleNamespace(sensors=sensors))
+    with caplog.at_level("INFO", "simtune"):
+        tuning_run._say_if_unfitted(search, minutes, 20.0, TimeNeeded(250.0, 1309.0))
+    assert bool(caplog.text) == is_said
+    if is_said:
+        assert "In --budget-minutes 6 there is hardly time to fit anything" in caplog.text
+        assert "first guesses by networks, whose intervals nothing tests" in caplog.text
+        assert "A fit needs --budget-minutes 12; it is cheaper with fewer" in caplog.text
+        assert ("--observe joints" in caplog.text) == bool(sensors)
+
+
+def test_nothing_of_fits_is_said_where_none_is_possible(context, tiny, caplog):
+    search = PosteriorSearch(context, tiny)
+    search.context = SimpleNamespace(can_fit=False)
+    with caplog.at_level("INFO", "simtune"):
+        tuning_run._say_if_unfitted(search, 6.0, 20.0, TimeNeeded(250.0, 1309.0))
+        other = SimpleNamespace(measure_time=None)  # of readings alone, or by the paper
+        tuning_run._say_if_unfitted(other, 6.0, 20.0, TimeNeeded(250.0, 1309.0))
+    assert not caplog.text
