@@ -33,6 +33,7 @@ ORDER = (  # on the page; other claims follow
     "clutter",
     "servos",
     "arms",
+    "balancing",
     "motions",
     "aloha",
     "two_cameras",
