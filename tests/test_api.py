@@ -8,11 +8,14 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 import simtune
+from simtune.api.policy import Policy
+from simtune.cameras.footage import Footage
 from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.outcome import asked
@@ -276,7 +279,7 @@ def test_a_robot_films_nothing_for_a_run_that_will_be_refused(tmp_path):
     stored = asked(config, simtune.load_task("cartpole"))
     write_json(tmp_path / "config.json", {"config": stored | {"real": "pseudo"}})
     tune = partial(simtune.tune, "cartpole", real=lambda i: pytest.fail("filmed"), out=tmp_path)
-    with pytest.raises(ValueError, match="holds a run with seed = 0, now = 1"):
+    with pytest.raises(ValueError, match="holds a run with seed 0, now 1"):
         tune(seed=1)
     with pytest.raises(ValueError, match="a run that was not filmed by a function"):
         tune()
@@ -346,3 +349,21 @@ def test_real_must_be_said(tmp_path):
         simtune.tune("cartpole", out=3)
     with pytest.raises(ValueError, match="real is None; expected 'pseudo', a path, arrays"):
         simtune.tune("cartpole", real=None, out=tmp_path / "run")
+
+
+def test_pictures_of_a_policy_keep_their_size_during_an_episode(monkeypatch):
+    trained = Mock()
+    trained.schedule = Mock(num_stacked=3, image_size=8)
+    trained.task.cameras = [Footage(is_square=True)]
+    monkeypatch.setattr("simtune.api.policy.load_trained", lambda run: trained)
+    monkeypatch.setattr("simtune.api.policy.scale_actions", Mock(return_value=np.zeros((1, 1))))
+    policy = Policy(Path())
+    small, large = (np.zeros((height, 2 * height, 3), np.uint8) for height in (24, 48))
+    policy.act(small)
+    with pytest.raises(ValueError, match=r"picture \(24, 48, 3\), .* got \(48, 96, 3\): call"):
+        policy.act(large)
+    policy.reset()
+    policy.act(large)
+    policy.act(large)
+    with pytest.raises(ValueError, match=r"got \(24, 48, 3\)"):
+        policy.act(small)

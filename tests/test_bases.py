@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from simtune.budget import Budget
+from simtune.checking.mistakes.misread import _Replays, misread
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.lateness import Lateness
 from simtune.fit.readings.measured_states import MeasuredStates
@@ -156,6 +157,23 @@ def test_a_robot_that_balances_is_found_from_afar(loop, driven):
     np.testing.assert_allclose(ended.unit, right_unit(loop), atol=2e-3)  # .9 % of the mass
     left = ended.noise / [5e-4, 5e-3, 5e-4, 5e-4]
     assert left.max() < 1.1, "no more than the noise"
+
+
+def test_no_robot_that_stands_is_said_to_lie_or_hang(tmp_path, driven, monkeypatch):
+    """Upside down, one of twice the mass would fall less."""
+    (tmp_path / "scene.xml").write_text(SCENE.format(mass=0.6, gear=0.35))
+    (tmp_path / "tune.toml").write_text(TUNE)
+    task, tried = load_task(str(tmp_path / "tune.toml")), []
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+
+    def best(self, readings, changes):
+        tried.extend(np.abs(change.shift).max() for change in changes)
+        return 1e3, changes[0], []
+
+    monkeypatch.setattr(_Replays, "best", best)
+    monkeypatch.setattr(_Replays, "left", lambda *_: 1.0)
+    assert misread(driven[0], simulator, seen) == []
+    assert {round(shift / (np.pi / 4)) for shift in tried} == {0, 1}  # eighths of a turn
 
 
 TOWER = """

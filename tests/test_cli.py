@@ -26,6 +26,7 @@ import torch
 from simtune import cli
 from simtune.cli import commands
 from simtune.cli.parse import parse
+from simtune.cli.run_commands import _print_result
 from simtune.config import TuneConfig
 from simtune.config.option_checks import flag
 from simtune.devices import choose_device
@@ -581,7 +582,7 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands, monke
     monkeypatch.setattr("webbrowser.open", shown.append)
     assert simtune("report", out, "--open")[0] == 0
     assert shown == [(out / "report.html").as_uri()]
-    simtune.refuses(*command, "--seed", 9, message="seed = 0, now = 9")
+    simtune.refuses(*command, "--seed", 9, message="--seed 0, now 9")
 
 
 @pytest.mark.thorough
@@ -623,6 +624,17 @@ def test_a_training_that_searches_for_nothing_prints_its_warnings_alone(
     assert "in 1 episode\n" in said
     simtune.refuses("evaluate", tmp_path / "run", message="has no policy yet")
     simtune.refuses("compare", *[tmp_path / "run"] * 2, message="dr, which gives no intervals")
+
+
+def test_of_a_training_on_recordings_it_is_said_how_to_score_the_policy(tmp_path):
+    result, said = {"method": "dr", "warnings": [], "policy_steps": 9}, list[str]()
+    _print_result(result, tmp_path / "a b", said.append)
+    found = tmp_path / "a b"
+    command = f"simtune evaluate '{found}' --parameters '{found / 'result.json'}'"
+    assert said[0].endswith(command)
+    said.clear()
+    _print_result(result | {"return": {"mean": 1.0, "std": 0.0, "episodes": 2}}, found, said.append)
+    assert said[0] == "return 1.00 ± 0 in 2 episodes"
 
 
 def test_report_on_a_run_that_has_just_begun(simtune, tmp_path):
@@ -823,6 +835,16 @@ def test_what_is_logged_meanwhile_is_a_line_of_its_own(capsys):
         log.info("a first answer")
     log.info("afterwards")
     assert capsys.readouterr().err.splitlines()[1:] == ["a first answer"]
+
+
+def test_a_bar_begins_again_with_what_comes_next(capsys, monkeypatch):
+    """A training after a search, whose share would otherwise hide it for minutes."""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with ProgressBar(1e9) as progress:
+        progress("fitting", 0.41)
+        capsys.readouterr()
+        progress("training the policy", 0.0)
+        assert re.search(r"  0 %\|.*training the policy", capsys.readouterr().err)
 
 
 def test_progress_never_exceeds_100_percent(capsys):

@@ -634,10 +634,22 @@ def test_report_of_an_unfinished_run(run_path):
     assert page.count("svg") == 2 * len(PARAMETERS)
 
 
+def test_report_of_an_unfinished_training_has_the_last_rounds_estimates(tmp_path):
+    """Lines about the policy follow those of a round."""
+    with RunFolder.create(tmp_path / "run", {"task": "cartpole", "policy_steps": None}) as run:
+        figures = {"mean/pole_mass": 0.1234, "low/pole_mass": 0.1, "high/pole_mass": 0.15}
+        run.logs.log_metrics(0, 5, 60.0, {"round": 1} | figures)
+        run.logs.log_metrics(3200, 5, 70.0, {"return/simulated": 1.0})
+    _, page = _report(tmp_path / "run")
+    assert "the figures are those of its last round; verdicts come at its end" in page.text
+    assert "0.123" in page.text
+
+
 def test_report_of_a_run_that_has_just_begun(tmp_path):
     RunFolder.create(tmp_path / "run", {"task": "walker"}).close()
     _, page = _report(tmp_path / "run")
     assert "No estimate has been made yet." in page.text
+    assert "This run has not finished." in page.text
 
 
 def test_report_copes_with_unknown_figures(run_path):

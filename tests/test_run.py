@@ -120,7 +120,7 @@ def test_a_read_only_folder_is_refused(path, monkeypatch):
 
 def test_another_configuration_is_refused(path):
     _create(path).close()
-    with pytest.raises(InputError, match=r"seed = 1, now = 2: give the same values .* --out"):
+    with pytest.raises(InputError, match=r"--seed 1, now 2: give the same values .* --out"):
         _create(path, seed=2)
     with pytest.raises(InputError, match=r"spm\.width = 256, now = 128"):
         _create(path, spm={"width": 128, "dropout": 0.5})
@@ -188,14 +188,20 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
 
 
 @pytest.mark.parametrize(
-    ("asked", "new"), [({"search": "posterior"}, "image_size"), ({"method": "dr"}, "drop_far")]
+    ("asked", "new", "default", "says"),
+    [
+        ({"search": "posterior"}, "image_size", None, "--image-size not given, now 32"),
+        ({"method": "dr"}, "policy_steps", None, "--policy-steps not given, now 32"),
+        ({"method": "dr"}, "drop_far", False, "--drop-far not given, now 32"),
+    ],
 )
-def test_an_option_that_a_runs_version_did_not_have_counts_as_its_default(path, asked, new):
-    default = {"image_size": None, "drop_far": False}[new]
+def test_an_option_that_a_runs_version_did_not_have_counts_as_its_default(
+    path, asked, new, default, says
+):
     _create(path, **asked).close()
     _create(path, **asked, **{new: default}).close()
     _write_stored(path, lambda stored: stored["config"].pop(new))
-    with pytest.raises(InputError, match=f"holds a run with {new} = {default}, now = 32: give"):
+    with pytest.raises(InputError, match=f"holds a run with {says}: give"):
         _create(path, **asked, **{new: 32})
 
 

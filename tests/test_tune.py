@@ -299,9 +299,9 @@ def test_another_configuration_is_refused_in_the_same_folder(one_round, truth_fi
     out = one_round
     before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
     for changes, word in (
-        ({"seed": 4}, "seed = 3, now = 4"),
-        ({"real_episodes": 1}, "real_episodes"),
-        ({"real_parameters": truth_file}, "real_parameters|parameters"),
+        ({"seed": 4}, "--seed 3, now 4"),
+        ({"real_episodes": 1}, "--real-episodes 2, now 1"),
+        ({"real_parameters": truth_file}, "--real-parameters|parameters"),
     ):
         with pytest.raises(InputError, match=word):
             tune(config_of(out, **changes), settings=quick)

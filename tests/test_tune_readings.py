@@ -384,6 +384,8 @@ def test_a_replay_that_tuning_made_worse_is_said_to_be():
     assert said[-1].startswith("warning: after tuning, knee is further off than before")
     both = table({"sensors": {"toe": worse, "knee": worse}, "episodes": 2})
     assert both[-1].startswith("warning: after tuning, toe, knee are further off than before")
+    falling = table({"sensors": {"knee": worse}, "episodes": 2, "astray": ["knee"]})
+    assert not any("further off" in line for line in falling), "such replays say little"
     alone = table({"sensors": {"hip": better}, "episodes": 2})
     assert not any("warning" in line for line in alone)
 

@@ -1363,6 +1363,11 @@ def test_a_change_of_the_reward_is_noticed_and_not_by_who_tunes(load, folder):
             "policy.py:f gives no finite number where the model starts",
         ),
         (
+            'reward = "policy.py:f"\nsuccess = "policy.py:f"',
+            "def f(data): return 0.5 + data.qpos[:, 0]",
+            "policy.py:f must give true or false for each world, got 0.5",
+        ),
+        (
             'reward = "policy.py:f"\nfree_joints = "elbw"',
             "def f(data): return data.qpos[:, 0]",
             "no joint 'elbw' in the model; did you mean 'elbow'",

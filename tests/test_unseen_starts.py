@@ -57,10 +57,11 @@ ANYWHERE = "box = { position = [[0.35, 0.45], [-0.1, 0.1], [0.06, 0.0601]] }"
 SAME = "box = { position = [[0.4, 0.4], [0, 0], [0.06, 0.06]] }"
 
 
-def unseen_at(folder: Path, speed: float, box: str = ANYWHERE) -> tuple[str, ...]:
+def unseen_at(folder: Path, speed: float, box: str = ANYWHERE, turn: str = "") -> tuple[str, ...]:
     """What is unseen once wheels are replayed that turn so fast, in rad/s."""
     (folder / "scene.xml").write_text(SCENE)
-    (folder / "tune.toml").write_text(TUNE.replace("BOX", box))
+    tune = TUNE.replace("0.1001]]", f"0.1001]]{turn}").replace("BOX", box)
+    (folder / "tune.toml").write_text(tune)
     task = load_task(str(folder / "tune.toml"))
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=False)
     loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
@@ -80,3 +81,7 @@ def test_a_box_that_begins_anywhere_is_not_in_the_robots_way(tmp_path, box, unse
 
 def test_worlds_that_both_diverge_do_not_tell_that_a_start_is_no_matter(tmp_path):
     assert unseen_at(tmp_path, speed=1e6) == ("root",)
+
+
+def test_a_robot_that_faces_another_way_rolls_that_way(tmp_path):
+    assert unseen_at(tmp_path, speed=5.0, turn=", turn = [-3, 3]") == ()

@@ -52,6 +52,9 @@ class ProgressBar:
             doing += " (time is over; what has begun ends first)"
         if not self._bar.disable:
             self._bar.set_description_str(doing, refresh=False)
+            if doing != self._doing:  # perhaps a training after a search, which begins at 0
+                self._bar.n = 100 * done
+                self._bar.refresh()
             self._bar.update(max(0.0, 100 * done - self._bar.n))
         elif doing != self._doing or now - self._last_line > _LINE_EVERY_S:
             print(

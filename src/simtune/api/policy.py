@@ -20,6 +20,7 @@ class Policy:
         """Of a training's newest checkpoint. Raises ValueError if there is no policy."""
         self._trained = load_trained(run)
         self._latest = deque[np.ndarray](maxlen=self._trained.schedule.num_stacked)
+        self._shape: tuple[int, ...] = ()  # of the episode's pictures, as given
 
     @property
     def step_s(self) -> float:
@@ -40,7 +41,7 @@ class Policy:
         """The (A,) action for a picture (H, W, 3) uint8, RGB, as in the task's recordings.
 
         Of a wide picture the square in the middle is used, as in training. Raises ValueError for
-        anything else.
+        anything else, and for another size than that of the episode's first picture.
         """
         picture = np.asarray(picture)
         if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
@@ -49,7 +50,13 @@ class Policy:
             )
         footage, size = self._trained.task.cameras[0], self._trained.schedule.image_size
         footage.aspect(picture.shape)  # refuses upright pictures
+        if self._latest and picture.shape != self._shape:
+            raise InputError(
+                f"expected a picture {self._shape}, as at this episode's start, got "
+                f"{picture.shape}: call reset before an episode of another size"
+            )
         seen = footage.fit(picture, (size, size))
+        self._shape = picture.shape
         most = self._latest.maxlen or 1
         self._latest.extend([seen] * (1 if self._latest else most))  # the first one stands alone
         action = self._trained.agent.act(np.stack(self._latest)[None])

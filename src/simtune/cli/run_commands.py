@@ -72,6 +72,12 @@ def _print_result(result: dict[str, Any], out: Path, print_line: PrintLine) -> C
         score = result["return"]
         scored = counted(score["episodes"], "episode")
         print_line(f"return {number(score['mean'])} ± {number(score['std'])} in {scored}")
+    elif "policy_steps" in result:  # a training for a world that cannot be played
+        found = quoted(out / "result.json")
+        print_line(
+            "the policy's return in the recorded world is not known; in the simulator that was "
+            f"found: simtune evaluate {quoted(out)} --parameters {found}"
+        )
     for goal in ("success", "near_success"):
         if goal in result:
             print_line(f"{goal.replace('_', ' ')} in {100 * result[goal]['mean']:.0f} % of them")

@@ -33,12 +33,14 @@ def table(result: dict[str, Any]) -> list[str]:
             f"({worst}: {its['rms']:.3g} {its['unit']} instead of {its['rms_tuned_to']:.3g}). "
             f"{asks} these of the same robot, with the same columns, in the same order and units?"
         )
-    if worse := [name for name, its in sensors.items() if its["rms"] > its["rms_before"]]:
+    astray = result.get("astray")
+    worse = [name for name, its in sensors.items() if its["rms"] > its["rms_before"]]
+    if worse and not astray:
         lines.append(
             f"warning: {further_off(worse)} on these recordings: what was found does not hold "
             "here; the run's own warnings may say why"
         )
-    if astray := result.get("astray"):
+    if astray:
         lines.append(
             f"note: replays are off by more than the whole travel of {short(astray)}: if the robot "
             "is unstable open loop, such as one that balances, these numbers say little"

@@ -158,8 +158,10 @@ class RunData:
             return self.result["parameters"]
         declared = self.config.get("parameters")
         known = {**declared} if isinstance(declared, dict) else {}
-        last = self.metrics[-1] if self.metrics else {}
-        for name in (key.removeprefix("mean/") for key in last if key.startswith("mean/")):
+        # In a training, lines about the policy follow those of a round.
+        rounds = (line for line in reversed(self.metrics) if any(map(_is_mean, line)))
+        last = next(rounds, {})
+        for name in (key.removeprefix("mean/") for key in filter(_is_mean, last)):
             facts = known[name] if isinstance(known.get(name), dict) else {}
             known[name] = facts | {k: last.get(f"{k}/{name}") for k in ("mean", "low", "high")}
         return {name: facts for name, facts in known.items() if isinstance(facts, dict)}
@@ -217,6 +219,10 @@ class RunData:
         keys = ("round", *(f"{figure}/{name}" for figure in RoundEstimate._fields[1:]))
         rows: list[list[Any]] = [[line.get(key) for key in keys] for line in self.metrics]
         return [RoundEstimate(*row) for row in rows if all(map(is_number, row))]
+
+
+def _is_mean(key: str) -> bool:
+    return key.startswith("mean/")
 
 
 def _shows_in_pictures_only(checked: object) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 from simtune.columns import cut
 from simtune.config import TrainConfig, TuneConfig
+from simtune.config.option_checks import flag
 from simtune.errors import InputError
 from simtune.run.files import read_json
 from simtune.run.sources import SOURCES, changed_sources
@@ -88,7 +89,7 @@ def check_same(path: Path, stored: dict[str, Any], config: dict[str, Any]) -> No
     ]
     if differing:
         contents = _other_contents(path, stored, now, differing)
-        words = [f"{k} {_show(before, k)}, now {_show(now, k)}" for k in differing]
+        words = [_difference(key, before, now) for key in differing]
         words = [contents.get(k, word) for k, word in zip(differing, words, strict=True)]
         said = cut(list(dict.fromkeys(filter(None, words))), 3, "; ")
         raise InputError(
@@ -144,5 +145,19 @@ def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def _difference(key: str, before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
+    """Both values of a key: those of an option as a user types them."""
+    is_option = key in option_defaults(TrainConfig) | option_defaults(TuneConfig)
+    show = _show_option if is_option else _show
+    return f"{flag(key) if is_option else key} {show(before, key)}, now {show(now, key)}"
+
+
 def _show(flat: Mapping[str, Any], key: str) -> str:
     return f"= {flat[key]!r}" if key in flat else "not set"
+
+
+def _show_option(flat: Mapping[str, Any], key: str) -> str:
+    value = flat.get(key)
+    if value is None or isinstance(value, bool):
+        return "given" if value else "not given"
+    return str(value)

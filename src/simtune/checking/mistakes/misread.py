@@ -34,6 +34,7 @@ _BEFORE_S = 0.2  # from which what no sensor measures goes along
 _LATE_S = (0.0, 0.02, 0.04, 0.06, 0.08)
 _SIZES = (1 / 3, 1 / 2, 2.0, 3.0)  # of what actions do, in those of the model's first values
 _MOST_MISTAKES, _MOST_S = 3, 20.0  # seconds for each
+_LYING = np.pi / 2
 _LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
 # Squared deviations, in those of uniform motion: a reading counts as this many at most, and with so
 # few left no mistake is looked for
@@ -59,6 +60,8 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
     unit = simulator.space.to_unit(nominal)
     if loop.where_starts_show(readings, unit).unseen:
         return []
+    if loop.measured.bases:  # which stand: no zero is so far off that they lie or hang
+        tried = [change for change in tried if (np.abs(change.shift) < _LYING).all()]
     replays, began_s = _Replays(loop, unit), time.monotonic()
     first = left = replays.left(readings)
     tried = _in_time(tried, time.monotonic() - began_s)

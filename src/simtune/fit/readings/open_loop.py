@@ -30,7 +30,7 @@ from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
 _FAR_AWAY = 1e3  # in units of the model's extent
 _FEW = 3  # episodes
-_LITTLE = 0.005  # of how far readings travel
+_LITTLE = 0.02  # of how far readings travel
 _LOOKS_PER_STEP = 4  # for contacts: an impact may be over within a step
 
 
@@ -135,15 +135,16 @@ class OpenLoopReplay:
         """The same, but nothing is unseen if no reading shows where it begins.
 
         Wheels turn alike wherever on a floor their robot begins. Two such starts are played in a
-        world of (N,) `unit` coordinates; what readings show is more than their usual noise and half
-        a percent of their travel, as wheels differ that bounce a little. If one diverges, nobody
-        knows.
+        world of (N,) `unit` coordinates; what readings show is more than their usual noise and two
+        percent of their travel: wheels differ that bounce a little, and pyramids of friction have
+        edges. If one diverges, nobody knows.
         """
         if self.elsewhere is None or not self.unseen:
             return self
         few = Readings(readings.actions[:_FEW], readings.values[:_FEW])
         stretches = self.cut(few, unit, np.zeros(self.measured.num_readings))
         moved = np.where(np.isnan(self.elsewhere), stretches.states, self.elsewhere)
+        moved = self.measured.bases.roll(moved, self._parameters(unit))  # another way
         both = np.stack([stretches.states, moved])
         predicted, _ = self.play(stretches, both, np.repeat(unit[None], 2, 0))
         little = assumed_noise(self.sensors) + _LITTLE * stretches.travel[:, None]

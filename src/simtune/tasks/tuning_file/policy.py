@@ -52,7 +52,7 @@ def read_policy(table: TomlTable, model: mujoco.MjModel, episode_steps: int) -> 
             named = table.text(goal)
             with table.at(goal):
                 function, source = load_user_code(table.file.parent, named)
-                policy[goal] = _of_worlds(named, function)
+                policy[goal] = _of_worlds(named, function, is_boolean=goal == "success")
                 if not np.isfinite(policy[goal](worlds)).all():
                     raise InputError(f"{named} gives no finite number where the model starts")
             policy["declared_policy"] += source
@@ -84,7 +84,9 @@ def _success_steps(table: TomlTable, episode_steps: int) -> int:
     return steps
 
 
-def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np.ndarray]:
+def _of_worlds(
+    named: str, function: Callable[..., Any], *, is_boolean: bool
+) -> Callable[[Batch], np.ndarray]:
     """The user's function, applied to a batch. Raises InputError if it fails."""
 
     def call(batch: Batch) -> np.ndarray:
@@ -94,6 +96,10 @@ def _of_worlds(named: str, function: Callable[..., Any]) -> Callable[[Batch], np
             raise InputError(
                 f"{named} must give a number for each world, here an array of shape "
                 f"({batch.nsim},), got {values.shape}"
+            )
+        if is_boolean and not (is_either := np.isin(values, (0, 1))).all():
+            raise InputError(
+                f"{named} must give true or false for each world, got {values[~is_either][0]:.6g}"
             )
         return values
 

@@ -80,7 +80,9 @@ class ReadingsSearch(Search):
         self.config, self.context, self._simulator = config or ReadingsConfig(), context, simulator
         self.first = self.distribution = context.first
         self._stop_reason = ""
-        self._derived_s = 0.0  # seconds of all derivatives of whole episodes, once measured
+        # Seconds of all derivatives of whole episodes, as descents and as the end take them, once
+        # measured
+        self._derived_s = self._judged_s = 0.0
 
     @property
     def stop_reason(self) -> str:
@@ -107,6 +109,7 @@ class ReadingsSearch(Search):
             loop.play(stretches, stretches.states[None], unit[None])
         once_s, steps = time.monotonic() - began_s, sum(map(len, real))
         self._derived_s = method.num_worlds(touches) * once_s
+        self._judged_s = method.num_worlds(True) * once_s
         horizons, step_s = self.config.horizons, self._simulator.step_s
         grown = sum(h.share(steps, step_s) for h in horizons.growing)
         least_s = (grown + 2) * self._derived_s
@@ -168,7 +171,7 @@ class ReadingsSearch(Search):
         part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
         ended = fits.grow(guesses, part, latency.steps)
         left_s = budget.seconds_left  # may be infinite, which allows no difference of two shares
-        searching_s = min((1 - _JUDGING) * left_s, left_s - _JUDGED * self._derived_s)
+        searching_s = min((1 - _JUDGING) * left_s, left_s - _JUDGED * self._judged_s)
         part = budget.part(searching_s, (0.4, 0.9))
         return fits.fit_until_two_agree(ended, latency.steps, part), latency
 
