@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import mujoco
 
-from simtune.checking.unsettled_starts import joints_up_from
 from simtune.observation import JointSensor, measured_places
+from simtune.simulation.joints import joints_up_from
 from simtune.simulation.loose_objects import passive_joints
 from simtune.simulation.ties import dofs_of_ties
 

@@ -15,6 +15,7 @@ from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.stretches import filled
 from simtune.observation import columns_of, measured_places
 from simtune.parameters.fields import OF_JOINTS
+from simtune.simulation.joints import joints_up_from
 from simtune.simulation.loose_objects import passive_joints
 from simtune.simulation.servos import pulls_to_a_place
 
@@ -61,16 +62,6 @@ def _pushed_trees(model: mujoco.MjModel) -> set[int]:
     kind, on = model.actuator_trntype, model.actuator_trnid[:, 0]
     bodies = [*model.site_bodyid[on[kind == _ON_SITE]], *on[kind == _ON_BODY]]
     return set(model.body_treeid[bodies].tolist()) if bodies else set()
-
-
-def joints_up_from(model: mujoco.MjModel, body: int) -> list[int]:
-    """Joints of a body and of those that carry it, the nearest first."""
-    joints = list[int]()
-    while body:
-        first = int(model.body_jntadr[body])
-        joints += reversed(range(first, first + int(model.body_jntnum[body])))
-        body = int(model.body_parentid[body])
-    return joints
 
 
 def unsettled(

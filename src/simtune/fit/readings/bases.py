@@ -16,6 +16,7 @@ import numpy as np
 from simtune.observation import JointSensor
 from simtune.parameters import ModelWriter
 from simtune.simulation import Simulator
+from simtune.simulation.joints import joints_of_state, joints_up_from
 
 _TOUCHING = 0.02  # of a usual body's size, between what stands on each other
 _TOLD = 1e-3  # of the largest singular value: directions that contacts tell of
@@ -30,14 +31,13 @@ class Bases:
     def __init__(self, simulator: Simulator, sensors: Sequence[JointSensor], goes_on: np.ndarray):
         """`goes_on`: (nq + nv,) bool, see `unmeasured.what_goes_on`."""
         self._simulator, model = simulator, simulator.model
-        on_joint = np.repeat(np.arange(model.njnt), np.diff([*model.jnt_qposadr, model.nq]))
-        of_joint = np.append(on_joint, model.dof_jntid)
+        of_joint = joints_of_state(model)
         joints = np.intersect1d(_joints_above(model, sensors), of_joint[goes_on])
         # (nq + nv,) bool: their positions and velocities
         self.parts = np.isin(of_joint, joints)
         is_its = self.parts[model.nq :]
         self.dofs = np.flatnonzero(is_its & goes_on[model.nq :])  # (B,) of unknown speed
-        is_turned = np.isin(model.dof_jntid, on_joint[goes_on[: model.nq]])
+        is_turned = np.isin(model.dof_jntid, of_joint[: model.nq][goes_on[: model.nq]])
         self._angles = np.flatnonzero(is_its & is_turned & _is_rotation(model))  # (R,) dofs
 
     def __bool__(self) -> bool:
@@ -93,19 +93,11 @@ def _joints_above(model: mujoco.MjModel, sensors: Sequence[JointSensor]) -> list
     """Joints that carry what sensors measure, and those beside a measured joint, on its body."""
     found = set[int]()
     for sensor in sensors:
-        places = sensor.places
-        joints = model.dof_jntid[places] if sensor.is_velocity else _joints_at(model, places)
-        for joint in joints.tolist():
-            body = int(model.jnt_bodyid[joint])
-            beside = np.flatnonzero(model.jnt_bodyid == body).tolist()
-            found.update(other for other in beside if other != joint)
-            while body := int(model.body_parentid[body]):
-                found.update(np.flatnonzero(model.jnt_bodyid == body).tolist())
+        at = model.dof_jntid if sensor.is_velocity else joints_of_state(model)
+        for joint in at[sensor.places].tolist():
+            above = joints_up_from(model, int(model.jnt_bodyid[joint]))
+            found.update(other for other in above if other != joint)
     return sorted(found)
-
-
-def _joints_at(model: mujoco.MjModel, places: np.ndarray) -> np.ndarray:
-    return np.searchsorted(model.jnt_qposadr, places, side="right") - 1
 
 
 def _is_rotation(model: mujoco.MjModel) -> np.ndarray:

@@ -165,10 +165,8 @@ class OpenLoopReplay:
 
     def finer(self) -> "OpenLoopReplay | None":
         """The same with half the physics timestep; None: see `Simulator.finer`."""
-        physics = self.physics.finer()
-        return None if physics is None else self._with(physics)
-
-    def _with(self, physics: Physics) -> "OpenLoopReplay":
+        if (physics := self.physics.finer()) is None:
+            return None
         measured = copy.copy(self.measured)
         measured.physics = physics
         return replace(self, measured=measured)

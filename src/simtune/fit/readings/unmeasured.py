@@ -16,6 +16,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.readings.segments import steps_until_next
 from simtune.fit.readings.stretches import Stretches
 from simtune.observation import JointSensor
+from simtune.simulation.joints import joints_of_state
 from simtune.simulation.ties import dofs_of_ties
 
 # (n) stretches, (G, n, nq + nv) initial states, (G, N) units and (n,) steps: predictions, first
@@ -42,9 +43,8 @@ def what_goes_on(
             told.update(model.jnt_dofadr[np.searchsorted(model.jnt_qposadr, read)].tolist())
     for _ in ties:  # a chain may be written in any order
         told = told.union(*(tie for tie in ties if tie & told))
-    joints = np.repeat(np.arange(model.njnt), np.diff([*model.jnt_qposadr, model.nq]))
     known = [*model.dof_jntid[list(told)], *untouched]
-    found = ~np.isin([*joints, *model.dof_jntid], known)
+    found = ~np.isin(joints_of_state(model), known)
     found[model.nq + np.array(speeds, int)] = False
     return found
 
