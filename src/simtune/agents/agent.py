@@ -58,8 +58,8 @@ class Agent(Protocol):
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """(n, K, H, W, 3) uint8 frames to (n, A) actions: the best, or drawn from the policy.
 
-        Called once a step for the same n worlds, so an agent may remember them. A stack of one
-        repeated frame that does not continue the last stack begins an episode.
+        Called once a step for the same n worlds after `begin_episodes`, so an agent may remember
+        them.
         """
         ...
 

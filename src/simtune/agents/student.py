@@ -103,7 +103,7 @@ class Student(nn.Module):
         If all stacks continue the last ones, only their newest frames are processed.
         """
         memory = self._memory
-        if memory and self.continues(frames).all():
+        if memory and self._continues(frames).all():
             newest = self.detect(frames[:, -1])[:, None]
             detected = torch.cat([memory.detected[:, 1:], newest], 1)
         else:
@@ -116,7 +116,7 @@ class Student(nn.Module):
         """Remember no pictures: none continues the last ones."""
         self._memory: Memory | None = None
 
-    def continues(self, frames: torch.Tensor) -> torch.Tensor:
+    def _continues(self, frames: torch.Tensor) -> torch.Tensor:
         """(n,) bool: whether stacks begin as those of the last call ended."""
         memory = self._memory
         if memory is None or memory.frames.shape != frames.shape:

@@ -71,7 +71,9 @@ class TeacherStudent:
     def act(self, frames: np.ndarray, sample: bool = False) -> np.ndarray:
         """See `Agent`. A sample is the best action with noise."""
         seen = torch.from_numpy(frames).to(self.device)
-        latest = self._remembered(seen)
+        if len(self._latest) != len(seen):  # an episode's first step
+            self._latest = torch.zeros(len(seen), self._num_latest, device=self.device)
+        latest = self._latest
         actions = self.student.act(seen, latest)
         if sample:
             actions = self._disturbed(actions, self.config.noise)
@@ -82,17 +84,6 @@ class TeacherStudent:
         """See `Agent`."""
         self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
         self.student.forget()
-
-    def _remembered(self, frames: torch.Tensor) -> torch.Tensor:
-        """(n, L) recent actions that `act` returned; 0 if a stack is an episode's first one.
-
-        Such a stack is a single frame, repeated, and does not continue the last one.
-        """
-        if not self._num_latest or len(self._latest) != len(frames):
-            return torch.zeros(len(frames), self._num_latest, device=self.device)
-        is_first = (frames[:, 1:] == frames[:, :-1]).flatten(1).all(1)
-        is_first &= ~self.student.continues(frames)
-        return self._latest.where(~is_first[:, None], 0.0)
 
     def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
         """The teacher alone if nothing is filmed; else the student, more and more."""
