@@ -1,6 +1,8 @@
 """The bootstrap, and how it widens intervals: known refits, sums by hand."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,16 +17,20 @@ from simtune.fit import (
     bound_warnings,
     calibrated,
     correlated_pairs,
+    delay_warnings,
     held_out_misfit,
     model_checks,
     run_bootstrap,
     too_late_warning,
 )
 from simtune.fit.calibration.refits import believed_std, usual_std
+from simtune.fit.combine import COMMON_STD
 from simtune.fit.lateness import is_too_late
+from simtune.fit.motion.common_errors import Beside, beside
+from simtune.fit.pictures.response import CameraResponse, Photometry
 from simtune.fit.result import Misfit, block_correlation
 from simtune.observation import AllEvidence, ObservationModel
-from simtune.parameters import ParameterSpace
+from simtune.parameters import ParameterSpace, camera_pose
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
 from simtune.simulation import Rollouts
@@ -33,9 +39,13 @@ from simtune.tuning.estimate import Estimate
 from simtune.tuning.fit_stage import FitStage, RefitPlan
 from simtune.tuning.fit_verdict import conclude
 from simtune.tuning.joint import Joint
+from simtune.tuning.judging import Judging
+from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig
 from simtune.tuning.survival_curves import normal_curves
 from simtune.vision.detector_noise import DetectorNoise
+from simtune.vision.image_noise import ImageNoise
+from simtune.vision.keypoint_tracks import KeypointTracks
 
 SPACE = load_task("cartpole").parameters
 APPEARANCE = np.flatnonzero([p.is_appearance for p in SPACE])
@@ -581,15 +591,13 @@ def test_a_single_refit_is_said_to_be_one():
     assert model_checks(a_fit(), refits_of(np.zeros((2, len(SPACE))))) == []
 
 
-def test_model_checks_warn_of_misfit_and_of_latency():
+def test_model_checks_warn_of_misfit():
     refits = refits_of(np.zeros((8, len(SPACE))))
     assert model_checks(a_fit(), refits) == []
     (warning,) = model_checks(a_fit(motion=0.9), refits)
     assert "keypoints are 0.90 px off, 3.0 times" in warning
     (warning,) = model_checks(a_fit(motion=float("nan")), refits)
     assert "nothing that moves is found for sure" in warning
-    (warning,) = model_checks(a_fit(latency_steps=1), refits)
-    assert "1 step later" in warning
 
 
 def test_pairs_of_any_kind_are_told_where_their_errors_go_together():
@@ -617,11 +625,57 @@ def test_correlations_are_those_of_the_intervals_once_refits_have_judged_them():
 
 
 def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
+    first = Distribution.first(SPACE, SPACE.nominal)
+    curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
     late = replace(a_fit(), late_s=np.array([0.0375, 0.0001]), is_too_late=True)
-    (warning,) = model_checks(late, refits_of(np.zeros((8, len(SPACE)))))
+    known = refits_of(np.zeros((8, len(SPACE))))
+    found, _ = conclude(curves, late, known, first, first, RangeUpdateConfig())
+    assert "identified" not in found.verdict
+    (warning,) = delay_warnings("pictures", 0, 0.0375, 0.0001, 0.05, True)
     assert "Pictures come 38 ms late, the most that is fitted" in warning
     assert "come 38 ms early" in too_late_warning("Readings", -0.0375)
     assert [is_too_late(steps) for steps in (0.6, 0.72, -0.75)] == [False, True, True]
+
+
+def test_pictures_that_are_all_alike_beside_the_simulation_are_told():
+    known = refits_of(np.zeros((8, len(SPACE))))
+    right = replace(a_fit(), beside=(Beside("keypoints", 1.4, 0.2, 0.1),))
+    assert model_checks(right, known) == []
+    off = replace(a_fit(), beside=(*right.beside, Beside("keypoints", 4.3, 0.5, -1.03)))
+    (warning,) = model_checks(off, known)
+    assert "in all pictures alike (0.5 px right, 1.0 px up)" in warning
+
+
+def test_how_far_beside_pictures_are_is_a_mean_by_how_well_each_keypoint_is_known():
+    noise, places = np.ones(2), np.zeros((1, 2, 2, 2))
+    std = np.array([[0.1, 0.2], [0.2, 0.0]])  # the last one is not known to err
+    tracks = KeypointTracks(places, np.ones((1, 2, 2)), noise, (64, 64), common_px=std)
+    found = np.array([0.4, -0.4, 0.2])  # px, of the three that may err
+    (its,) = beside(AllEvidence((tracks,)), found / std.ravel()[:3] * COMMON_STD)
+    assert its.stds == pytest.approx(np.sqrt((4**2 + 2**2 + 1**2) / 3))
+    assert its.right == pytest.approx((0.4 / 0.1**2 + 0.2 / 0.2**2) / (0.1**-2 + 0.2**-2))
+    assert its.down == pytest.approx(-0.4)
+
+
+def test_a_known_colour_that_makes_no_camera_leaves_colours_at_most_weak():
+    """A glossy column declared as known: its shades say gamma 1.22, and all colours were wrong."""
+    usual, gains = ImageNoise(), np.full(3, np.log(0.6))  # a gain may be any
+    camera = CameraResponse(np.append(gains, [np.log(1.22), -0.019]))
+    assert not camera.is_usual(usual)
+    assert CameraResponse(np.append(gains, [np.log(1.1), -0.019])).is_usual(usual)
+    assert not CameraResponse(np.append(gains, [0.0, 0.04])).is_usual(usual)
+    assert Photometry(usual, np.zeros(1)).are_unusual([camera])
+    assert not Photometry(None, np.zeros(1)).are_unusual([])
+    its = replace(a_fit(), responses=[camera], is_camera_unusual=True)
+    known = refits_of(np.zeros((8, len(SPACE))))
+    (warning,) = model_checks(its, known)
+    assert "a gamma of 1.22 and an offset of -5 of 255 levels" in warning
+    first = Distribution.first(SPACE, SPACE.nominal)
+    curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
+    for fit, colours in ((a_fit(), "identified"), (its, "weak")):
+        found, _ = conclude(curves, fit, known, first, first, RangeUpdateConfig())
+        assert {found.verdict[i] for i in APPEARANCE} == {colours}
+        assert {found.verdict[i] for i in MOVING} == {"identified"}
 
 
 def test_what_ends_at_a_bound_is_told_but_nothing_lies_beyond_zero_or_a_colour():
@@ -635,6 +689,42 @@ def test_what_ends_at_a_bound_is_told_but_nothing_lies_beyond_zero_or_a_colour()
     assert bound_warnings(SPACE, unit, ~everything) == {}
     friction = replace(SPACE.parameters[0], name="friction", low=0.0, scale="linear", nominal=0.1)
     assert bound_warnings(ParameterSpace([friction]), np.zeros(1), np.ones(1, bool)) == {}
+
+
+def test_a_camera_at_a_bound_of_its_pose_needs_another_key():
+    """A camera_pose of a tuning file has neither low nor high."""
+    space = ParameterSpace(camera_pose("camera", "front", (0.0, -1.0, 0.5), within_m=0.05))
+    told = bound_warnings(space, np.ones(6), np.ones(6, bool))
+    for names, key in (("xyz", "within_m"), (("pitch", "yaw", "roll"), "within_rad")):
+        for name in names:
+            assert told[f"camera_{name}"].endswith(f"give it a wider {key} to see")
+
+
+@pytest.mark.parametrize(("of_readings", "said"), [(None, "31 ms"), (2, "131 ms")])
+def test_a_delay_in_pictures_is_told_once_with_what_readings_found_of_it(of_readings, said):
+    """Actions were shifted by that before the fit to pictures."""
+    by_readings = None
+    if of_readings is not None:
+        by_readings = SimpleNamespace(latency_steps=of_readings, combined_with=lambda its: its)
+    context = SimpleNamespace(simulator=SimpleNamespace(step_s=0.05))
+    first = Distribution.first(SPACE, SPACE.nominal)
+    flat = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
+    facts: dict[str, Any] = {
+        **dict.fromkeys(("start", "learning", "earlier")),
+        "stage": SimpleNamespace(context=context),
+        "learned": SimpleNamespace(prob_higher=flat, searched=first),
+        "by_readings": by_readings,
+        "first": first,
+        "config": PosteriorSearchConfig(),
+    }
+    judging = Judging(**facts)
+    late = replace(a_fit(latency_steps=1), late_s=np.array([-0.019, 0.003]))
+    estimate, _ = judging._conclude(late, refits_of(np.zeros((3, len(SPACE)))))
+    assert estimate.latency_steps == 1
+    assert estimate.warnings == [
+        f"What an action does shows in pictures {said} later than the recordings say (± 3 ms); "
+        "the estimates allow for it."
+    ]
 
 
 def test_blocks_of_covariances_become_one_correlation():

@@ -426,6 +426,25 @@ def test_no_rate_is_advised_against_one_that_was_chosen_or_that_frames_need():
     assert fast[0].endswith("--control-hz 12.5 brings them to it")
 
 
+@pytest.mark.parametrize(
+    ("changed", "is_said"),
+    [
+        ({}, True),
+        ({"readings_hz": 20.0}, False),  # hardly more than steps
+        ({"fps": 50.0}, False),  # the steps' rate was chosen
+        ({"cameras": [{"time_error_ms": {"largest": 0}}]}, False),  # frames have a rate, too
+    ],
+)
+def test_readings_between_steps_are_told_of(changed, is_said):
+    facts = {"control_hz": 12.5, "fps": 12.5, "readings_hz": 31.25, "cameras": []} | changed
+    said = warnings(pendulum(), facts, [np.eye(30, 2)], 1)
+    expected = [
+        "readings come at 31.25 Hz, steps are 12.5 Hz: --control-hz 31.25 uses all of them "
+        "(each step takes as long)"
+    ]
+    assert said == expected * is_said
+
+
 def test_rows_that_a_log_lacks_are_warned_of_in_one_line():
     facts = {"control_hz": 12.5, "cameras": [], "gaps": {"swing1": [[2.9, 6.0]]}}
     (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)

@@ -13,8 +13,9 @@ from test_export import a_run, differences, the_tuned_world
 from simtune.config import ExportConfig
 from simtune.errors import InputError
 from simtune.export import export
-from simtune.export.mjcf import write_spec
+from simtune.export.mjcf import write_mjcf, write_spec
 from simtune.export.round_trip import compare
+from simtune.parameters import ModelWriter, ParameterSpace
 from simtune.parameters.inferred import write_down_inferred
 
 pytestmark = pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass'")
@@ -281,6 +282,17 @@ def test_what_mujoco_cannot_write_is_said_in_a_line(scene, tmp_path, monkeypatch
     monkeypatch.setattr(mujoco.MjSpec, "copy_back", refuse)
     with pytest.raises(InputError, match="cannot write the model as MJCF: Error: no word for"):
         export(ExportConfig(run_folder=run, out=tmp_path / "out"))
+
+
+def test_inertias_that_no_body_has_are_refused(tmp_path):
+    spec = mujoco.MjSpec.from_string("""<mujoco><worldbody><body name="plate"><freejoint/>
+      <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .15"/></body></worldbody></mujoco>""")
+    model = spec.compile()
+    writer = ModelWriter(ParameterSpace([]), model)
+    write_mjcf(spec, model, writer, tmp_path, [])
+    model.body("plate").inertia[2] = 0.25
+    with pytest.raises(InputError, match=r"of plate, 0\.1, 0\.1 and 0\.25 kg·m², are no body's"):
+        write_mjcf(spec, model, writer, tmp_path, [])
 
 
 def test_a_file_that_cannot_be_copied_is_said_as_what_it_is(scene, tmp_path, monkeypatch):

@@ -125,13 +125,22 @@ def test_how_sure_a_lateness_is_has_no_power_of_ten(std_s: float, said: str):
 
 
 def test_a_delay_of_which_actions_and_readings_have_a_part_is_told_as_a_sum():
-    action, reading = delay_warnings("readings", 1, -0.003, 0.0003, step_s=0.02)
-    assert action.startswith("The actions seem to take effect 1 step later than")
-    assert "seem to come 3 ms sooner" in reading
-    assert reading.endswith(
-        "readings show what an action does 17 ms later than the recordings say."
+    """Not as two faults, one late and one early."""
+    (said,) = delay_warnings("readings", 1, -0.003, 0.0003, step_s=0.02)
+    assert said == (
+        "What an action does shows in readings 17 ms later than the recordings say (± 0.3 ms); "
+        "the estimates allow for it."
     )
-    for late, late_s in ((0, 0.003), (1, 0.0), (0, 0.0)):
-        said = delay_warnings("readings", late, late_s, 0.0003, step_s=0.02)
-        assert len(said) == (late > 0) + (late_s > 0)
-        assert not any("Together" in its for its in said)
+    for late, late_s, begins in (
+        (0, 0.003, ["The readings seem to come 3 ms later"]),
+        (1, 0.0, ["The actions seem to take effect 1 step later"]),
+        (0, 0.0, []),
+    ):
+        told = delay_warnings("readings", late, late_s, 0.0003, step_s=0.02)
+        assert [its[: len(begin)] for its, begin in zip(told, begins, strict=True)] == begins
+
+
+def test_a_delay_at_the_end_of_its_range_is_no_sum():
+    action, late = delay_warnings("pictures", 1, 0.015, 0.0003, 0.02, is_too_late=True)
+    assert action.startswith("The actions seem to take effect 1 step later")
+    assert late.startswith("Pictures come 15 ms late, the most that is fitted")

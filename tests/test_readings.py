@@ -168,7 +168,49 @@ def test_what_cannot_be_chosen_is_said_with_what_there_is(names: list[str], said
 def test_recordings_without_readings_say_so(tmp_path):
     write_video(tmp_path / "swing.mp4", frames(), FPS)
     said = message(tmp_path, readings={"joints": ("pan",)})
-    assert said == "HERE: no reading 'pan'; the recordings have no readings"
+    assert said == (
+        "HERE: no reading 'pan'; the recordings have no readings: "
+        "in a CSV, call their columns measured.NAME"
+    )
+
+
+def test_columns_like_a_reading_that_is_called_no_reading_are_named(tmp_path):
+    write_log(tmp_path / "log", *((i / 10, i, i, i) for i in range(20)))
+    path = tmp_path / "log" / "log.csv"
+    path.write_text(path.read_text().replace("measured.arm", "pos.arm"))
+    said = message(tmp_path / "log", cameras=(), readings={"arm": ("measured.arm",)})
+    assert said.endswith("call their columns measured.NAME (these look like it: arm, pos.arm)")
+
+
+@pytest.mark.parametrize(
+    ("times_s", "said"),
+    [
+        ([3, 3], "line 3 of HERE/log.csv: is of the same time as line 2, 1700000003.02 s: merge"),
+        ([4, 3], "rising seconds, got 1700000003.02 after 1700000004.02: sort the rows by time"),
+    ],
+)
+def test_rows_that_do_not_rise_say_beside_which(tmp_path, times_s, said):
+    write_log(tmp_path / "log", *((f"{1_700_000_000 + s}.02", 0, 0, 0) for s in times_s))
+    assert said in message(tmp_path / "log", cameras=())
+
+
+def test_rows_of_two_clocks_say_where_they_jump(tmp_path):
+    acted = [(i / 10, i, i, "") for i in range(30)]
+    write_log(tmp_path / "log", *acted, *((1e5 + i / 10, "", "", i) for i in range(30)))
+    said = message(tmp_path / "log", cameras=())
+    assert "they jump by 99997.1 s between lines 31 and 32: if what follows is" in said
+
+
+@pytest.mark.parametrize("readings_hz", [10, 50])
+def test_how_often_readings_were_measured_is_among_the_facts(tmp_path, readings_hz):
+    acted = [(0.0041 + i / 20, i, i, "") for i in range(60)]
+    measured = [(i / readings_hz, "", "", i) for i in range(3 * readings_hz)]
+    write_log(tmp_path / "log", *sorted([*acted, *measured]))
+    dataset = open_dataset(tmp_path / "log", readings={"arm": ("measured",)}, cameras=())
+    dataset.skim(0)
+    facts = dataset.facts(1)
+    assert facts["control_hz"] == pytest.approx(20)
+    assert facts["readings_hz"] == pytest.approx(readings_hz)
 
 
 # --- of each kind of recordings ----------------------------------------------------------
@@ -366,7 +408,8 @@ def test_empty_cells_of_a_table_are_what_was_not_measured(tmp_path):
     np.testing.assert_allclose(held[:, 0], commands()[[0, 1, 2, 2, *range(4, len(held))], 0])
     lines[4] = ",".join([*cells[:2], "nan", cells[3]])  # what was sent, unlike an empty cell
     path.write_text("\n".join(lines))
-    assert "line 5 of HERE/swing.csv: action is not finite: [nan]" in message(tmp_path / "pairs")
+    said = message(tmp_path / "pairs")
+    assert "line 5 of HERE/swing.csv: action is not finite: [nan]; leave cells empty" in said
 
 
 def write_log(folder: Path, *rows: tuple[float | str, ...]) -> None:

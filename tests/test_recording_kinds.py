@@ -139,7 +139,7 @@ def test_a_frame_in_the_far_future_asks_for_no_memory(tmp_path):
     write_variable(tmp_path / "pairs" / "swing.mp4", times_s)
     write_pair(tmp_path / "other", "swing", actions())
     shutil.copy(tmp_path / "other" / "swing.csv", tmp_path / "pairs")
-    assert "swing lasts 1e+05 s, by its time stamps" in message(tmp_path / "pairs", control_hz=FPS)
+    assert "swing lasts 100000 s, by its time stamps" in message(tmp_path / "pairs", control_hz=FPS)
 
 
 def test_names_as_cameras_and_loggers_give_them(tmp_path):
@@ -318,6 +318,15 @@ def test_robomimic(tmp_path, options):
     facts = dataset.facts(1)
     assert [facts[key] for key in ("robot_type", "fps", "kind")] == ["Lift", FPS, "robomimic HDF5"]
     assert [facts["cameras"][0][key] for key in ("key", "codec")] == ["wrist_image", "raw"]
+
+
+@pytest.mark.parametrize("asked", ["", "bag", "bag/bag_0.mcap"])
+def test_a_ros_bag_is_refused_with_where_the_recipe_is(tmp_path, asked):
+    (tmp_path / "bags" / "bag").mkdir(parents=True)
+    for name in ("metadata.yaml", "bag_0.mcap"):
+        (tmp_path / "bags" / "bag" / name).touch()
+    with pytest.raises(InputError, match=r"a ROS bag, .* docs/recordings.md, under 'From a ROS 2"):
+        open_dataset(tmp_path / "bags" / asked)
 
 
 @pytest.mark.parametrize("num", [2, 4])

@@ -153,6 +153,7 @@ def test_facts(written: Path):
         ],
         "fps": FPS,
         "control_hz": FPS,
+        "readings_hz": 0.0,
         "action_names": ["joint_0", "joint_1"],
         "action_ranges": {
             name: [pytest.approx(actions.min()), pytest.approx(actions.max())]

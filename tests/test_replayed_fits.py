@@ -20,7 +20,9 @@ from simtune.observation import JointSensor, ObservationModel, finds_offset
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.tuning.readings.agreement import agree, best_of, two_agree
-from simtune.tuning.readings.descents import Horizon, Horizons, ReadingsDescents
+from simtune.tuning.readings.descents import ReadingsDescents
+from simtune.tuning.readings.horizons import Horizon, Horizons, Latency
+from simtune.tuning.readings.whole import WholeFits
 
 TRUTH = {"shoulder_kp": 60.0, "shoulder_kv": 4.0, "elbow_kp": 14.0, "elbow_friction": 0.3}
 
@@ -287,8 +289,14 @@ def sensor(noise: float | None = None) -> JointSensor:
     )
 
 
+def whole_fits(method: Any, readings: Any, num: int = 3) -> WholeFits:
+    return WholeFits(method, readings, np.ones(num, bool), Horizons(), 10, 0)
+
+
 class Rough:
     """Descents of which no two to whole episodes end alike, but those to stretches do."""
+
+    has_lateness = False
 
     def __init__(self, agreeing_steps: int | None, sensor: JointSensor):
         self.sensors, self.rng, self._steps = (sensor,), np.random.default_rng(0), agreeing_steps
@@ -321,7 +329,7 @@ def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
     ends = (np.zeros(3), np.ones(3))
     fits = ReadingsDescents(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
     ended = fits.grow(fits.begin(np.full(3, 0.5)), Budget())
-    found = fits.fit_until_two_agree(ended, 0, Budget())
+    found, _ = whole_fits(fit, readings).fit_until_two_agree(ended, Latency(), Budget())
     assert found.is_whole == is_whole
     assert found.is_sure == is_sure
     assert fit.stages[:3] == [8, 8, 8]  # a quarter of a second is no less than eight steps
@@ -355,19 +363,45 @@ class Swinging(Rough):
 def test_of_segments_that_lead_to_each_other_the_first_are_kept():
     fit = Swinging(None, None)  # type: ignore[arg-type]
     readings = Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1)))
-    ends = (np.zeros(3), np.ones(3))
-    fits = ReadingsDescents(fit, readings, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
     guess = Guess(np.full(3, 0.5), np.zeros(1))
-    _, stage, _ = fits._first_whole(readings, guess, Budget())
+    _, stage, _ = whole_fits(fit, readings)._first_whole(readings, guess, Budget())
     assert len(fit.stages) == 2
     assert stage.segments is not None
     assert stage.segments.steps.tolist() == [99]
 
 
+class Late(Rough):
+    """What readings by `late` steps leave after actions; a lateness makes up for .75 steps."""
+
+    has_lateness, late = True, 2.2
+
+    def descend(self, readings, begin, stage, budget, near=None) -> Any:
+        steps = 10 - np.flatnonzero(readings.values[0, :, 0] == 1)[0]
+        lateness = np.clip(self.late - steps, -0.75, 0.75)
+        unit = np.append(begin.unit[:-1], Lateness.unit(lateness))
+        left, guess = abs(self.late - steps - lateness), begin._replace(unit=unit)
+        its = {"unit": unit, "begun": begin.unit, "guess": guess, "noise": np.ones(1)}
+        return SimpleNamespace(**its, log_rms=left, is_cut_off=False)
+
+
+@pytest.mark.parametrize(
+    ("late", "steps", "found"), [(2.2, 1, 2), (1.1, 2, 1), (1.5, 1, 1), (9.0, 1, 2), (0.2, 0, 0)]
+)
+def test_a_lateness_that_ends_at_an_end_goes_on_to_the_next_step(late, steps, found):
+    """From .75 steps on: 1 + .75 hides .45 of 2.2 steps, which other parameters would explain."""
+    fit = Late(None, sensor())
+    fit.late, values = late, np.zeros((1, 100, 1))
+    values[0, 10] = 1
+    fits = whole_fits(fit, Readings(np.zeros((1, 99, 1)), values))
+    begin: Any = SimpleNamespace(guess=Guess(np.full(3, 0.5), np.zeros(1)))
+    begin.log_rms, begin.noise = 9.0, np.ones(1)
+    best, latency = fits.fit_until_two_agree([begin], Latency(steps), Budget())
+    assert latency == (found, True)
+    assert best.best.log_rms == pytest.approx(max(0, late - found - 0.75))
+
+
 def test_another_start_is_elsewhere_also_where_the_best_is_at_a_bound():
-    ends = (np.zeros(1), np.ones(1))
-    fits = ReadingsDescents(None, None, 0.05, ends, Horizons(), 0)  # type: ignore[arg-type]
-    rng = np.random.default_rng(0)
+    fits, rng = whole_fits(None, None, 1), np.random.default_rng(0)
     for unit in (0.0, 0.5, 1.0):
         best: Any = SimpleNamespace(unit=np.array([unit]), guess=SimpleNamespace(offsets=0.0))
         for together in 20 * [True, False]:

@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 
 from simtune.api.result import Result
+from simtune.api.table import lines
 from simtune.before_after.moving_parts import MovingParts
 from simtune.before_after.videos import overlay
 from simtune.errors import InputError
+from simtune.export import summary
 from simtune.report import write_report
 from simtune.report.joint_plots import error_plot, reading_plot
 from simtune.report.pair_plots import pair_plot
@@ -508,6 +510,25 @@ def test_a_known_colour_is_advised_where_there_is_none_and_time_was_enough(
     told = {"recordings": {"folder": "mine"}, "stopped": stopped}
     _edit(run_path / "result.json", lambda r: r.update(told))
     assert f"cup_r seen in pictures – – {help_} Half of" in page_of_check(run_path, 1)
+
+
+def test_a_known_colour_is_called_known_not_found(run_path):
+    content = load_any_task("ball_in_cup").content_hash
+    before, found = _report(run_path)[1].text, [its[3] for its in PARAMETERS.values()]
+    assert f"{found.count('identified')} of {len(found)} parameters identified" in before
+    facts = {"known_colour": "cup", "task_content": content}
+    _edit(run_path / "config.json", lambda stored: stored["config"].update(facts))
+    text = _report(run_path)[1].text
+    left = found.count("identified") - 3
+    assert f"{left} of {len(found) - 3} parameters identified" in text
+    row = lines(read_run(run_path))[1 + list(PARAMETERS).index("cup_g")].split()
+    assert row[0] == "cup_g"
+    assert row[3:5] == ["–", "known"]  # neither interval nor verdict
+    assert re.search(r"cup_g – [\d.]+ [\d.]+ [\d.]+ – – known ", text)
+    assert summary(run_path)[0] == f"{left} of {len(found)} parameters identified"
+    assert "known: cup_r, cup_g, cup_b" in summary(run_path)
+    verdict = json.loads((run_path / "result.json").read_text())["parameters"]["cup_g"]["verdict"]
+    assert verdict == "identified"
 
 
 def test_the_numbers_of_one_camera_pose_are_no_pairs(run_path):

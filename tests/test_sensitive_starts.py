@@ -9,7 +9,8 @@ from simtune.checking import sensitive_starts
 from simtune.checking.check import check
 from simtune.config import CheckConfig
 from simtune.fit import OpenLoopReplay, Readings
-from simtune.fit.readings.growth import follow
+from simtune.fit.readings.growth import follow, growth
+from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.sensitivity import ReplayedReadings
 from simtune.real.observed import observed
 from simtune.tasks import Task, load_task
@@ -61,6 +62,22 @@ def test_an_error_of_a_start_grows_as_the_equation_of_motion_says(tmp_path, heig
     replayed = ReplayedReadings(simulator, seen, task.parameters.nominal, still)
     growth = replayed.changes(task.parameters.nominal[None], np.array([1e-3])).growth
     np.testing.assert_allclose(growth, grows(RATE * steps * 0.05), rtol=0.02)
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_flies_away_has_grown_without_end_and_no_overflow_is_told_of(tmp_path, monkeypatch):
+    task = pole(tmp_path, 1.0, 20)
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    unit = task.parameters.to_unit(task.parameters.nominal)
+    upright = Readings(np.zeros((1, 20, 1)), np.zeros((1, 21, 1)))
+    whole = loop.states_of(upright, unit, np.zeros(1)).cut(Segments.evenly(upright))
+
+    def fly(_, stretches, states, units):
+        return 1e307 * np.sign(states[:, :, None, :1]), None
+
+    monkeypatch.setattr(OpenLoopReplay, "play", fly)
+    assert growth(loop, whole, unit).max() == np.inf
 
 
 @pytest.mark.parametrize("push", [50.0, -50.0])

@@ -638,7 +638,7 @@ def numbers(parameter: Parameter) -> tuple:
             "field = 'body_inertia'\nobjects = 'bob'\ncomponent = 0",
             (1.28e-4, 1.28e-5, 2.56e-4 * (1 - 1e-5), "log", "1"),
         ),
-        ("kind = 'gain'\nobjects = 'shoulder'", (20.0, 2.0, 200.0, "log", "1")),
+        ("kind = 'gain'\nobjects = 'shoulder'", (20.0, 2.0, 200.0, "log", "N·m/rad")),
         ("kind = 'gear'\nobjects = 'sled'\nunit = 'N'", (4.0, 0.4, 40.0, "log", "N")),
         ("kind = 'delay'\nobjects = 'sled'\nhigh = 0.1", (0.0, 0.0, 0.1, "linear", "s")),
         ("kind = 'light'\nobjects = ['lamp', 'bulb']", (0.4, 0.0, 1.0, "linear", "1")),
@@ -1208,6 +1208,29 @@ def test_what_could_not_be_meant_is_refused(parameter, line, message, folder, re
 """)
     head = "model = 'scene.xml'\ncamera = 'front'\ncontrol_timestep_s = 0.05\n"
     refuses(f"{head}[[parameters]]\nname = 'x'\n{parameter}\n", line, message)
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        "kind = 'mass'\nobjects = 'bar'",
+        "field = 'body_inertia'\ncomponent = 0\nobjects = 'b*'",
+    ],
+)
+def test_an_inertia_beside_others_that_are_searched_has_its_usual_range(beside, folder):
+    (folder / "scene.xml").write_text("""<mujoco><worldbody><camera name="front" pos="0 -2 .5"/>
+    <body name="bar"><joint/><geom size=".1"/>
+      <inertial pos="0 0 0" mass="1" diaginertia=".2 .3 .4"/></body></worldbody></mujoco>""")
+    head = "model = 'scene.xml'\ncamera = 'front'\ncontrol_timestep_s = 0.05\n"
+    izz = "[[parameters]]\nname = 'izz'\nfield = 'body_inertia'\ncomponent = 2\nobjects = 'bar'\n"
+    (folder / "tune.toml").write_text(head + izz)
+    alone = load_task(str(folder / "tune.toml")).parameters
+    assert alone.high == pytest.approx(0.5, rel=1e-4)  # .2 + .3
+    assert alone.low == pytest.approx(0.1, rel=1e-4)
+    (folder / "tune.toml").write_text(f"{head}{izz}[[parameters]]\nname = 'x'\n{beside}\n")
+    beside_it = load_task(str(folder / "tune.toml")).parameters
+    assert beside_it.high[0] > 0.5
+    assert beside_it.low[0] < 0.1
 
 
 DEVICE = """<mujoco><worldbody><camera name="front" pos="0 -2 .5" resolution="640 480"

@@ -1,6 +1,6 @@
 """Estimates as a table, in plain text and in HTML for notebooks."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -25,14 +25,14 @@ _CELL = "<{0} style='text-align:{1}'>{2}</{0}>"
 
 def lines(run: RunData) -> list[str]:
     """Lines of plain text; parameters that nobody looked at are one line."""
-    rows = table_rows(run.looked_at, run.search)
+    rows = table_rows(run.looked_at, run.search, run.known)
     left = [i for i, name in enumerate(rows[0]) if name in _TEXTS]
     return [*aligned(rows, left=left), *filter(None, [not_looked_at(run.not_looked_at)])]
 
 
 def html(run: RunData) -> str:
     """The same table as HTML."""
-    head, *rows = table_rows(run.looked_at, run.search)
+    head, *rows = table_rows(run.looked_at, run.search, run.known)
 
     def line(tag: str, row: Sequence[str]) -> str:
         aligns = ("left" if name in _TEXTS else "right" for name in head)
@@ -45,22 +45,26 @@ def html(run: RunData) -> str:
     return table + f"\n<p>{escape(said)}</p>" * bool(said)
 
 
-def table_rows(parameters: Mapping[str, Mapping[str, Any]], search: str | None) -> Rows:
+def table_rows(
+    parameters: Mapping[str, Mapping[str, Any]], search: str | None, known: Container[str] = ()
+) -> Rows:
     """Texts of the cells: the head, then one row per parameter.
 
-    `parameters`: result.json's facts on each; `search`: how the run searched for them, if it did.
+    `parameters`: result.json's facts on each; `search`: how the run searched for them, if it did;
+    `known`: colours that were not searched, which have neither interval nor verdict.
     """
-    is_known = any(is_number(p.get("real")) for p in parameters.values())
+    has_truth = any(is_number(p.get("real")) for p in parameters.values())
     has_intervals = search == "posterior"
     named = ("estimate" if search else "mean", interval_label(search))
     named += ("of first range",) * has_intervals + ("verdict",) * bool(search)
-    heads = ("parameter", "unit", "start", *named, *("truth", "off by") * is_known)
+    heads = ("parameter", "unit", "start", *named, *("truth", "off by") * has_truth)
     rows: list[tuple[str, ...]] = [heads]
     for name, p in parameters.items():
+        p = {**p, "low": None, "high": None, "interval_share": None} if name in known else p
         cells = [name, unit(p), number(p["initial"]), number(p["mean"]), interval(p)]
         its_share = p.get("interval_share")
         cells += [covered(its_share) if is_number(its_share) else MISSING] * has_intervals
-        cells += [str(p.get("verdict"))] * bool(search)
-        cells += [number(p.get("real")), percent(p.get("percent_error"))] * is_known
+        cells += ["known" if name in known else str(p.get("verdict"))] * bool(search)
+        cells += [number(p.get("real")), percent(p.get("percent_error"))] * has_truth
         rows.append(tuple(cells))
     return rows

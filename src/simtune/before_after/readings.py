@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import Lateness, OpenLoopReplay, Readings, replay_whole
+from simtune.fit import Lateness, OpenLoopReplay, Readings, recorded_loop, replay_whole
 from simtune.fit.readings.stretches import Stretches
 from simtune.fit.readings.whole_episodes import begin_whole, replay_from
-from simtune.observation import ObservationModel, units_of
+from simtune.observation import ObservationModel, joints_of, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory
@@ -81,9 +81,9 @@ def replay(
     tuned: Tuned,
 ) -> Replayed:
     """Replay each episode from its first readings, with `start` (N,) parameters and as tuned."""
-    loop = OpenLoopReplay.of(simulator, observation, start)
-    joints, labels, space = loop.sensors, observation.reading_labels, simulator.space
-    readings = Readings.of(trajectories, joints)
+    joints, labels = joints_of(observation.sensors), observation.reading_labels
+    readings, space = Readings.of(trajectories, joints), simulator.space
+    loop = recorded_loop(simulator, observation, start, readings)
     before = replay_whole(loop, readings, space.to_unit(start), np.zeros(len(labels)))
     offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])
     unit = np.append(space.to_unit(tuned.mean), Lateness.unit(tuned.late_s / simulator.step_s))

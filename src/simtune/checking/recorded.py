@@ -11,6 +11,7 @@ from simtune.checking.film.look import look_at, shrunk
 from simtune.checking.film.picture import named, new_file
 from simtune.checking.readings import ReadEpisodes, read_episodes
 from simtune.checking.recording_warnings import refuse_if_all_short, warnings
+from simtune.checking.servos.commands import on_tendons
 from simtune.checking.servos.lengths import far_beyond_model
 from simtune.checking.servos.picture import draw_servos
 from simtune.checking.starts import far_starts
@@ -75,7 +76,7 @@ def of_recordings(
         if values is not None:
             facts["warnings"] += far_starts(simulator, sensors, values, config.seed)
     if read:
-        facts["servos"] = read.facts
+        facts["servos"], facts["servos_on_tendons"] = read.facts, on_tendons(simulator)
         facts["warnings"] += read.warnings + (read.misread + read.beyond_ranges) * (not far)
         if read.curves:
             path = named(config.pictures, "-servos" * bool(seen.cameras)) or new_file()

@@ -19,6 +19,7 @@ from simtune.trajectory import Trajectory
 _LATE = 0.3  # of a step: the simulator films exactly at each step's end
 _FAR_BEYOND = 5.0  # times a range: what may be degrees, not a clipped command
 _AS_DEGREES = ', such as degrees? Then mapping = "scaled" and gain = 0.0174533 in [actions]'
+_FAST = 1.95  # readings a step: two, by a clock that is a little off
 _SPARE_S, _SPARE = 1.0, 0.2  # of the actions' time: a camera usually stops that soon after them
 
 
@@ -56,6 +57,7 @@ def warnings(
             + "; --observe joints uses every reading, at the logged rate"
             * bool(isinstance(task, Task) and task.sensors)
         )
+    found += _of_fast_readings(facts)
     found += _of_gaps(facts.get("gaps", {})) + _of_clocks(facts.get("unused_s", {}))
     found += of_unfilmed(facts.get("unfilmed", {}))
     if search == "posterior":
@@ -77,6 +79,18 @@ def warnings_of(
     if "cameras" not in facts:
         return []
     return warnings(task, facts, [t.actions for t in trajectories], len(trajectories), search)
+
+
+def _of_fast_readings(facts: Mapping[str, Any]) -> list[str]:
+    """On readings of which most fall between two steps, at a rate that nobody chose."""
+    steps_hz, readings_hz = facts["control_hz"], facts.get("readings_hz", 0.0)
+    is_own = math.isclose(steps_hz, facts.get("fps", steps_hz))
+    if facts["cameras"] or not is_own or readings_hz < _FAST * steps_hz:
+        return []
+    return [
+        f"readings come at {readings_hz:.4g} Hz, steps are {steps_hz:.4g} Hz: "
+        f"--control-hz {readings_hz:.4g} uses all of them (each step takes as long)"
+    ]
 
 
 def _of_gaps(gaps: Mapping[str, Sequence[tuple[float, float]]]) -> list[str]:

@@ -7,10 +7,10 @@ import numpy as np
 from simtune.checking.open_loops import loops_left_open
 from simtune.checking.replayed_contacts import Touching, touching
 from simtune.checking.unsettled_starts import free_bases, unsettled
-from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit import Readings, recorded_loop
 from simtune.fit.readings.sensitivity import LONGEST_S
 from simtune.fit.sensitivity import where_analyzed
-from simtune.observation import ObservationModel
+from simtune.observation import ObservationModel, joints_of
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.readings.warnings import unseen_warning
@@ -27,8 +27,8 @@ class RecordedReplays:
         names: Sequence[str],
     ):
         nominal = where_analyzed(simulator.space)
-        loop = OpenLoopReplay.of(simulator, seen, nominal)
-        self._readings = Readings.of(trajectories, loop.sensors)
+        self._readings = Readings.of(trajectories, joints_of(seen.sensors))
+        loop = recorded_loop(simulator, seen, nominal, self._readings)
         self._unit, self._names = simulator.space.to_unit(nominal), names
         self._loop = loop.where_starts_show(self._readings, self._unit)
         # Readings alone are not replayed if pictures must say where a robot begins

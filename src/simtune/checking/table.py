@@ -4,6 +4,7 @@ from typing import Any
 
 from simtune.checking.servos.table import servo_lines
 from simtune.columns import aligned, counted, cut
+from simtune.recordings.source import short
 
 _MOST_EXTENTS = 6
 _PICTURE = ("picture", "of pixels", "motion", "at most")
@@ -41,6 +42,8 @@ def table(result: dict[str, Any]) -> list[str]:
         lines.append(_extents(extents, result["image_size"]))
     if servos := result.get("servos"):
         lines += ["", *servo_lines(servos)]
+    if named := result.get("servos_on_tendons"):
+        lines += ["", f"Not compared with their commands: servos on tendons ({short(named)})."]
     lines += ["", *_rows(result["parameters"]), ""]
     if pairs := result["pairs"]:
         lines += [*(pair["says"] for pair in pairs), ""]

@@ -19,7 +19,7 @@ from simtune.run.kept import kept_state
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 from simtune.tuning import FixedRange
-from simtune.tuning.readings.descents import most_latency_steps
+from simtune.tuning.readings.horizons import most_latency_steps
 from simtune.vision.keypoints import Keypoints
 
 _ROUNDED = 1e-6  # steps

@@ -20,6 +20,7 @@ from simtune.simulation import count_substeps
 from simtune.tasks import Task
 
 _ASSETS = "assets"
+_IMPOSSIBLE = 1e-4  # relative: as much as the written model may differ
 _SPEC_NAMES = {"geom_fluid": "fluid_coefs"}  # where MjSpec's name is not MjModel's
 _INFERRED = (
     *("body_mass", "body_inertia", "body_ipos", "tendon_lengthspring"),
@@ -56,8 +57,10 @@ def write_mjcf(
 
     Files of meshes, textures and height fields are copied into FOLDER/assets. `files`: where those
     of attached models may lie, whose folders a spec does not tell. Raises InputError if a file
-    cannot be read or MuJoCo cannot write the model, RuntimeError for a field that MJCF lacks.
+    cannot be read, MuJoCo cannot write the model, or no body has its inertias; RuntimeError for a
+    field that MJCF lacks.
     """
+    _check_inertias(model)
     with _mujocos_errors():
         spec.copy_back(model)
     for kind, name, attribute, value in not_copied(writer, model):
@@ -66,6 +69,18 @@ def write_mjcf(
         for key, qpos in zip(spec.keys, model.key_qpos, strict=True):
             key.qpos = qpos
     compare(_write(spec, folder, files), model, {*writer.written, *_INFERRED})
+
+
+def _check_inertias(model: mujoco.MjModel) -> None:
+    """Raises InputError for those of no rigid body, which MuJoCo plays but does not read."""
+    least, middle, most = np.sort(model.body_inertia, axis=1).T
+    for body in np.flatnonzero(most > (1 + _IMPOSSIBLE) * (least + middle)):
+        a, b, c = model.body_inertia[body]
+        raise InputError(
+            f"the inertias found of {model.body(body).name}, {a:.3g}, {b:.3g} and {c:.3g} kg·m², "
+            "are no body's: one is above the sum of the other two. The model lacks something, or "
+            "they are hardly told: weigh the body, or give narrower low and high"
+        )
 
 
 def write_spec(spec: mujoco.MjSpec, folder: Path) -> None:

@@ -8,10 +8,12 @@ from simtune.report.read_run import read_finished
 
 def summary(run_folder: Path) -> list[str]:
     """Lines: which parameters of a run are identified, which are not, and the run's warnings."""
-    result = read_finished(run_folder).result
+    run = read_finished(run_folder)
+    result = run.result
     by_verdict: dict[str, list[str]] = {}
     for name, its in result["parameters"].items():
-        by_verdict.setdefault(its.get("verdict") or "without a verdict", []).append(name)
+        verdict = "known" if name in run.known else its.get("verdict")
+        by_verdict.setdefault(verdict or "without a verdict", []).append(name)
     num = counted(len(result["parameters"]), "parameter")
     identified = len(by_verdict.pop("identified", ()))
     others = (f"{verdict}: {', '.join(names)}" for verdict, names in by_verdict.items())

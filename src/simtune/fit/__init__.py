@@ -31,6 +31,7 @@ from simtune.fit.readings.joint_motion import JointMotion, left_open
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.output_error import OutputErrorMethod, ReplayStage
 from simtune.fit.readings.output_error_fit import OutputErrorFit
+from simtune.fit.readings.recorded_loop import recorded_loop
 from simtune.fit.readings.replay_objective import Guess
 from simtune.fit.readings.segments import FEWEST_STEPS
 from simtune.fit.readings.sensitivity import MOST_EPISODES
@@ -78,6 +79,7 @@ __all__ = [
     "left_open",
     "model_checks",
     "ranks",
+    "recorded_loop",
     "replay_whole",
     "run_bootstrap",
     "states_in_late_pictures",

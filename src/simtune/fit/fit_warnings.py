@@ -7,6 +7,10 @@ from simtune.parameters import ParameterSpace
 
 _CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # both exceeded: pictures are reported as late
 _AT_BOUND = 1e-3  # in unit coordinates
+_ENDED_AT_BOUND = (
+    "{} ended at a bound of its range: the truth may lie beyond, or the model lacks something; "
+    "give it a wider {} to see"
+)
 _TOO_LATE = (
     "{} come {:.0f} ms {}, the most that is fitted: the rest of a delay may pass for damping, so "
     "nothing is called identified. Correct their times (latency_s in the tuning file), or declare "
@@ -29,9 +33,8 @@ def bound_warnings(space: ParameterSpace, unit: np.ndarray, fitted: np.ndarray) 
     at_bound = (unit < _AT_BOUND) & (space.low != 0) | (unit > 1 - _AT_BOUND)
     counts = at_bound & fitted & ~space.is_appearance
     return {
-        name: f"{name} ended at a bound of its range: the truth may lie beyond, or the model lacks "
-        "something; give it a wider low and high to see"
-        for name, is_there in zip(space.names, counts, strict=True)
+        parameter.name: _ENDED_AT_BOUND.format(parameter.name, parameter.bound_keys)
+        for parameter, is_there in zip(space, counts, strict=True)
         if is_there
     }
 
@@ -53,6 +56,27 @@ def timestep_warning(
     return [_OF_TIMESTEP.format(_ms(timestep_s), cut(told, _MOST_TOLD))] if told else []
 
 
+def delay_warnings(
+    what: str,
+    latency_steps: int,
+    late_s: float,
+    std: float,
+    step_s: float,
+    is_too_late: bool = False,
+) -> list[str]:
+    """On late actions and on late pictures or readings, `what`; on their sum if both are found.
+
+    `std`: of `late_s`; `is_too_late`: whether that is at the end of its range.
+    """
+    if is_too_late:
+        return [*latency_warning(latency_steps), too_late_warning(what.capitalize(), late_s)]
+    late = lateness_warning(what, late_s, std)
+    if not latency_steps or not late:
+        return latency_warning(latency_steps) + late
+    in_all = _later(latency_steps * step_s + late_s, std)
+    return [f"What an action does shows in {what} {in_all}"]
+
+
 def latency_warning(latency_steps: int) -> list[str]:
     """One if actions take effect late."""
     if not latency_steps:
@@ -64,27 +88,19 @@ def latency_warning(latency_steps: int) -> list[str]:
     ]
 
 
-def delay_warnings(
-    what: str, latency_steps: int, late_s: float, std: float, step_s: float
-) -> list[str]:
-    """On late actions, and on late pictures or readings; their sum if both are found."""
-    found = latency_warning(latency_steps) + lateness_warning(what, late_s, std)
-    if len(found) < 2:
-        return found
-    in_all = f"{1e3 * (latency_steps * step_s + late_s):.0f} ms"
-    said = f"Together, {what} show what an action does {in_all} later than the recordings say."
-    return [*found[:-1], f"{found[-1]} {said}"]
-
-
 def lateness_warning(what: str, late_s: float, std: float) -> list[str]:
     """One if pictures or readings are clearly late; `std`: of `late_s`."""
     if abs(late_s) <= max(_CLEARLY_LATE_STDS * std, _CLEARLY_LATE_S):
         return []
+    return [f"The {what} seem to come {_later(late_s, std)}"]
+
+
+def _later(late_s: float, std: float) -> str:
     when = "later" if late_s > 0 else "sooner"
-    return [
-        f"The {what} seem to come {1e3 * abs(late_s):.0f} ms {when} than the recordings say "
-        f"(± {_ms(std)} ms); the estimates allow for it."
-    ]
+    return (
+        f"{1e3 * abs(late_s):.0f} ms {when} than the recordings say (± {_ms(std)} ms); the "
+        "estimates allow for it."
+    )
 
 
 def _ms(seconds: float) -> str:

@@ -139,6 +139,7 @@ class ReplayFit:
             observed.episodes(split.tested), lined_up.states[split.tested], parameters
         )
         std, correlation = self._claimed(lined_up.start, motion, pictures)
+        known = self._appearance[self._photometry.is_known[self._appearance]]
         return FitResult(
             parameters=parameters,
             std=std,
@@ -151,11 +152,13 @@ class ReplayFit:
             latency_steps=lined_up.latency_steps,
             rough_std=np.where(self.space.is_appearance, 0.0, lined_up.start.std),
             offsets=lined_up.offsets,
-            known=self._appearance[self._photometry.is_known[self._appearance]],
+            known=known,
             responses=pictures.responses,
+            is_camera_unusual=bool(known.size) and self._photometry.are_unusual(pictures.responses),
             held_out=split.held_out,
             late_s=setup.physics.simulator.step_s * np.array([best.late_steps, best.late_std]),
             is_too_late=is_too_late(best.late_steps),
+            beside=best.beside,
             held=np.array(setup.config.held, int),
         )
 

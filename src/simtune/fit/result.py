@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.fit.motion.common_errors import Beside
 from simtune.fit.pictures.response import CameraResponse
 
 
@@ -49,6 +50,8 @@ class FitResult:
     # (2,) seconds by which pictures are also late, and their std; 0 if lateness is known
     late_s: np.ndarray = field(default_factory=lambda: np.zeros(2))
     is_too_late: bool = False  # whether that is the most that is fitted, and hides the rest
+    beside: tuple[Beside, ...] = ()  # of each camera
+    is_camera_unusual: bool = False  # what known colours make of a response is no camera's
     # (K,) indices of held parameters, which stay where the fit began
     held: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 

@@ -1,5 +1,7 @@
 """Shorthands that declare common parameters in one line each."""
 
+from dataclasses import replace
+
 from simtune.parameters.fields import field_of
 from simtune.parameters.parameter import Parameter
 
@@ -55,13 +57,16 @@ def camera_pose(
     rotations are about the camera's own x (pitch, up), y (yaw, to the left) and z (roll), up to
     `within_rad` in either direction.
     """
-    moved = [(axis, "cam_pos", i, position_m[i], within_m) for i, axis in enumerate("xyz")]
-    angles = ("pitch", "yaw", "roll")
-    moved += [(angle, "cam_quat", i, 0.0, within_rad) for i, angle in enumerate(angles)]
-    return [
-        _linear(f"{name}_{what}", field, (camera,), nominal, (nominal - most, nominal + most), i)
-        for what, field, i, nominal, most in moved
+    moved = [
+        (axis, "cam_pos", i, position_m[i], within_m, "within_m") for i, axis in enumerate("xyz")
     ]
+    angles = ("pitch", "yaw", "roll")
+    moved += [(a, "cam_quat", i, 0.0, within_rad, "within_rad") for i, a in enumerate(angles)]
+    made = [
+        (_linear(f"{name}_{what}", field, (camera,), at, (at - most, at + most), i), key)
+        for what, field, i, at, most, key in moved
+    ]
+    return [replace(parameter, bound_keys=key) for parameter, key in made]
 
 
 def field_of_view(name: str, camera: str, nominal_deg: float) -> Parameter:

@@ -37,6 +37,8 @@ class Parameter:
     is_sum: bool = False  # of several objects, e.g. the length of a rope made of pieces
     # Name in `KINDS`, if it says more than the field's name
     kind: str = dataclasses.field(default="", repr=False)
+    # Keys of the tuning file that give the bounds
+    bound_keys: str = dataclasses.field(default="low and high", repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if problem := next(self._problems(), None):

@@ -59,7 +59,7 @@ class Dataset:
             raise InputError(f"image_size must be at least 1 pixel, got {image_size}")
         self._source, self._film, self._image_size = source, film, image_size
         self._columns = choose_actions(source, actions, num_actions)
-        self._sensors = choose_readings(source.path, source.readings, readings)
+        self._sensors = choose_readings(source.path, source.readings, readings, source.action_names)
         self._asked, self._turnings = readings, turnings
         self._own_rate = control_hz is None
         self.step_s = 1 / (control_hz or source.fps)
@@ -142,6 +142,7 @@ class Dataset:
             "cameras": self._film.facts(seen, self._image_size) if self._film else [],
             "fps": self._source.fps,
             "control_hz": 1 / self.step_s,
+            "readings_hz": min(its.readings_hz for its in seen),
             "action_names": list(self.action_names),
             "action_ranges": action_ranges(seen, self.action_names),
             "gaps": {name: [list(gap) for gap in its.gaps_s] for name, its in named if its.gaps_s},
@@ -225,4 +226,5 @@ class Dataset:
             gaps_s=steps.gaps_s,
             unused_s=steps.unused_s,
             unfilmed=steps.unfilmed,
+            readings_hz=steps.readings_hz,
         )

@@ -24,6 +24,7 @@ class Seen:
     gaps_s: Sequence[tuple[float, float]]  # start and end of each, see `find_gaps`
     unused_s: float  # for which the pictures go on after the last action
     unfilmed: int  # last rows for which a video has no frame
+    readings_hz: float  # how often the fastest reading was measured; 0: none was
 
 
 def action_ranges(seen: Sequence[Seen], names: Sequence[str]) -> dict[str, list[float]]:

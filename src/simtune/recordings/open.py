@@ -18,6 +18,7 @@ from simtune.recordings.source import Source, short
 from simtune.recordings.turning import Turning
 
 _HDF5 = (".hdf5", ".h5")
+_BAGS = (".mcap", ".db3", ".bag")
 
 
 def open_dataset(
@@ -67,6 +68,8 @@ def _recognise(
 ) -> Source:
     if path.is_file() and path.suffix in _HDF5:
         return RobomimicSource(path, camera, control_hz, pictures=pictures, leave_out=leave_out)
+    if path.is_file() and path.suffix in _BAGS:
+        raise _is_bag(path)
     names = _listed(path)
     if (path / INFO_PATH).is_file():
         return LeRobotSource(path, camera, pictures=pictures, leave_out=leave_out)
@@ -82,10 +85,19 @@ def _recognise(
         return ArraysSource(path, camera, pictures=pictures, leave_out=leave_out)
     if are_pairs:
         return PairsSource(path, camera, pictures=pictures, leave_out=leave_out)
+    if any(file.suffix in _BAGS for file in (*path.glob("*"), *path.glob("*/*"))):
+        raise _is_bag(path)
     raise InputError(
         f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset), *.hdf5 "
         "(robomimic), *.npz and pairs of NAME.mp4 and NAME.csv, see docs/recordings.md; "
         + (f"it holds: {short(names)}" if names else "it is empty")
+    )
+
+
+def _is_bag(path: Path) -> InputError:
+    return InputError(
+        f"{path}: a ROS bag, which simtune does not read: make a CSV of each; the code is in "
+        "docs/recordings.md, under 'From a ROS 2 bag'"
     )
 
 

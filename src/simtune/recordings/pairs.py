@@ -24,6 +24,7 @@ from simtune.recordings.source import (
     natural,
     short,
 )
+from simtune.recordings.time_stamps import not_rising
 
 _OTHER_CLOCK = 10  # times as late as the video's end: milliseconds, or seconds since 1970
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # case-insensitive
@@ -179,9 +180,7 @@ class PairsSource:
         first_s = -np.inf if seen_s is None else -frame_s / 2 - 1e-9
         if (row := first_wrong(~(np.diff(times_s, prepend=first_s) > 0))) is not None:
             since = "" if seen_s is None else " since the video's first frame"
-            raise InputError(
-                f"{lines.place(row)}: expected rising seconds{since}, got {times_s[row]:g}"
-            )
+            raise InputError(not_rising(times_s, row, lines, since))
         if seen_s is None:
             return times_s, float(times_s[-1]), 0.0
         step_s = typical_step_s(times_s)

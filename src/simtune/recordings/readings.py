@@ -27,15 +27,29 @@ def readings_of(key: str, names: Sequence[str], num: int) -> list[Reading]:
 
 
 def choose_readings(
-    where: Path, known: Sequence[Reading], asked: Mapping[str, Sequence[str]]
+    where: Path,
+    known: Sequence[Reading],
+    asked: Mapping[str, Sequence[str]],
+    actions: Sequence[str] = (),
 ) -> dict[str, list[Reading]]:
     """{sensor: readings} for `asked`, {sensor: names}; see `docs/recordings.md`.
 
     A name is one of: a full name, a place ("observation.state[3]"), a reading's own name if no
-    other reading has it, or a key, for all numbers stored together. Raises InputError if no
-    reading, or more than one, has the name.
+    other reading has it, or a key, for all numbers stored together. `actions` are columns that
+    are taken for actions. Raises InputError if no reading, or more than one, has the name.
     """
+    if not known and (name := next((name for names in asked.values() for name in names), None)):
+        raise InputError(f"{where}: no reading {name!r}; {_none_there(name, actions)}")
     return {sensor: _chosen(where, known, sensor, names) for sensor, names in asked.items()}
+
+
+def _none_there(name: str, actions: Sequence[str]) -> str:
+    """What to do if a table's columns are not called readings, such as the one meant by `name`."""
+    own = name.rpartition(".")[2].lower()
+    alike = [action for action in actions if own in action.lower()]
+    return "the recordings have no readings: in a CSV, call their columns measured.NAME" + (
+        f" (these look like it: {short(alike)})" if alike else ""
+    )
 
 
 def gather(
@@ -70,8 +84,6 @@ def _called(where: Path, known: Sequence[Reading], name: str) -> list[Reading]:
             raise InputError(f"{where}: {name!r} can be each of {short(names)}; name one of them")
         if found:
             return found
-    if not known:
-        raise InputError(f"{where}: no reading {name!r}; the recordings have no readings")
     calls = [call(reading) for call in _CALLS for reading in known if call(reading)]
     close = difflib.get_close_matches(name, calls, n=1)
     hint = f"did you mean {close[0]!r}? " if close else ""

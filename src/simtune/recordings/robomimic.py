@@ -57,7 +57,7 @@ class RobomimicSource:
                 hint = "; ACT's files are converted by lerobot, or saved as arrays" if act else ""
                 raise InputError(
                     f"{path}: holds no episode; expected groups /data/demo_0, ...{hint} "
-                    "(docs/recordings.md)"
+                    "(docs/recordings.md says how others are converted)"
                 )
             self.episodes: Sequence[str] = sorted(names, key=lambda name: (len(name), name))
             self.kept = kept_episodes(path, self.episodes, leave_out)

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simtune.between_rows import typical_step_s
+from simtune.between_rows import own_step_s, typical_step_s
 from simtune.errors import InputError
 from simtune.recordings.resample import find_gaps, step_actions, step_readings, step_times
 from simtune.recordings.source import MOST_ROWS, Reading, Rows, first_wrong, short
+from simtune.recordings.time_stamps import jump
 
 _LARGEST_READING = 1e9  # larger than any joint reading in any unit, counts of encoders too
 
@@ -23,6 +24,7 @@ class Steps:
     gaps_s: Sequence[tuple[float, float]]  # in which an action is held since rows are missing
     unused_s: float  # for which the pictures go on after the last action
     unfilmed: int  # last rows for which a video has no frame
+    readings_hz: float  # how often the fastest reading was measured; 0: none was
 
 
 def make_steps(
@@ -39,12 +41,16 @@ def make_steps(
     if (row := first_wrong(np.any(~is_finite, axis=1))) is not None:
         values = short([f"{value:g}" for value in rows.actions[row]])
         place = rows.lines.place(row) if rows.lines else f"{where}, row {row}"
-        raise InputError(f"{place}: action is not finite: [{values}]; drop or repair the episode")
+        remedy = "drop or repair the episode"
+        if rows.lines and np.isnan(rows.actions[row]).any():
+            remedy = "leave cells empty where nothing new was sent: the action before is held"
+        raise InputError(f"{place}: action is not finite: [{values}]; {remedy}")
     lasts_s = rows.until_s - rows.begin_s[0]
     if lasts_s > MOST_ROWS * step_s:
+        remedy = jump(rows.times_s, rows.lines) or "mend them, or split the episode"
         raise InputError(
-            f"{where} lasts {lasts_s:.3g} s, by its time stamps; expected at most {MOST_ROWS} "
-            f"steps of {step_s:.3g} s; mend them, or split the episode"
+            f"{where} lasts {lasts_s:.6g} s, by its time stamps; expected at most {MOST_ROWS} "
+            f"steps of {step_s:.3g} s; {remedy}"
         )
     times_s = step_times(rows, step_s)
     if len(times_s) < 2:
@@ -55,7 +61,8 @@ def make_steps(
     actions = step_actions(rows, times_s).astype(np.float32)
     gaps_s = find_gaps(rows.begin_s) if actions.shape[1] else []
     readings = _by_sensor(where, rows, times_s, sensors)
-    return Steps(times_s, actions, readings, gaps_s, rows.unused_s, rows.unfilmed)
+    readings_hz = _readings_hz(rows)
+    return Steps(times_s, actions, readings, gaps_s, rows.unused_s, rows.unfilmed, readings_hz)
 
 
 def _without_last(rows: Rows) -> Rows:
@@ -63,6 +70,11 @@ def _without_last(rows: Rows) -> Rows:
     if len(rows) < 2 or rows.times_s[-1] < rows.until_s:
         return rows
     return replace(rows, actions=np.concatenate([rows.actions[:-1], rows.actions[-2:-1]]))
+
+
+def _readings_hz(rows: Rows) -> float:
+    own_s = [own_step_s(rows.times_s, column) for column in rows.readings.T]
+    return max((1 / step_s for step_s in own_s if step_s), default=0.0)
 
 
 def check_rate(where: str, rows: Rows, step_s: float) -> None:

@@ -12,7 +12,7 @@ from simtune.config import UNTUNED
 from simtune.errors import InputError
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.sources import changed_sources, other_readers, source_of
-from simtune.tasks import AnyTask, load_any_task
+from simtune.tasks import AnyTask, Task, load_any_task, with_known_colours
 from simtune.validate import is_number
 
 
@@ -179,7 +179,17 @@ class RunData:
     @property
     def has_known_colours(self) -> bool:
         """Whether an option or the tuning file declares a colour as known, as far as known."""
-        return bool(self.config.get("known_colour") or getattr(self._task, "known_colours", None))
+        return bool(self.config.get("known_colour") or self.known)
+
+    @cached_property
+    def known(self) -> frozenset[str]:
+        """Parameters of known colours, which are not searched; none if the task is not there."""
+        task = self._task if self.colours else None
+        if not isinstance(task, Task):
+            return frozenset()
+        with suppress(InputError):
+            task = with_known_colours(task, self.config.get("known_colour"))
+        return frozenset(task.known_colours)
 
     @cached_property
     def _task(self) -> AnyTask | None:
@@ -192,6 +202,11 @@ class RunData:
         """`parameters` without those."""
         left_out = set(self.not_looked_at)
         return {name: facts for name, facts in self.parameters.items() if name not in left_out}
+
+    @property
+    def searched(self) -> dict[str, dict[str, Any]]:
+        """`looked_at` without what is known."""
+        return {name: facts for name, facts in self.looked_at.items() if name not in self.known}
 
     @property
     def colours(self) -> list[str]:

@@ -21,10 +21,13 @@ class HeldControls:
     velocity (<intvelocity>) held its joint where that is, unless the start gives it an activation.
     """
 
-    def __init__(self, model: mujoco.MjModel):
+    def __init__(self, model: mujoco.MjModel, motors_ran: bool = False):
+        """`motors_ran`: motors' filters have settled on the first control, too."""
         is_servo = position_servos(model) & (model.actuator_ctrlnum == 1)
         is_filter = np.isin(model.actuator_dyntype, _FILTERS) & (model.actuator_actnum == 1)
-        filtered = is_servo & is_filter
+        is_filter &= model.actuator_ctrlnum == 1
+        self.motors_lag = bool((is_filter & ~is_servo).any())
+        filtered = is_filter if motors_ran else is_filter & is_servo
         self._acts = model.actuator_actadr[filtered]
         self._act_controls = model.actuator_ctrladr[filtered]
         places, controls = [], []

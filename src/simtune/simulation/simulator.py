@@ -110,6 +110,12 @@ class Simulator(AnySimulator):
         model.pair_margin[pairs], model.pair_gap[pairs] = -_NEVER, _NEVER
         return other
 
+    def with_running_motors(self) -> "Simulator":
+        """The same, but motors had long been at their first control when an episode begins."""
+        other = copy.copy(self)
+        other.held = HeldControls(self.model, motors_ran=True)
+        return other
+
     def finer(self) -> "Simulator | None":
         """The same with half the physics timestep, observed at the same times.
 

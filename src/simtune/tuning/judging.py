@@ -14,6 +14,7 @@ from simtune.fit import (
     Observed,
     PointEstimate,
     Refits,
+    delay_warnings,
 )
 from simtune.randomization import Distribution
 from simtune.tuning.earlier_rounds import EarlierRounds
@@ -237,7 +238,14 @@ class Judging:
             self.first,
             self.config.range_update,
         )
+        estimate = replace(estimate, warnings=[*estimate.warnings, *self._delays(fit)])
         if len(fit.offsets):
             offsets = zip(self.stage.reading_labels, fit.offsets.tolist(), strict=True)
             estimate = replace(estimate, offsets=dict(offsets))
         return self.by_readings.combined_with(estimate) if self.by_readings else estimate, curves
+
+    def _delays(self, fit: FitResult) -> list[str]:
+        """Warnings of what comes late; actions that readings call late were shifted before."""
+        steps = fit.latency_steps + (self.by_readings.latency_steps if self.by_readings else 0)
+        step_s, (late_s, std) = self.stage.context.simulator.step_s, fit.late_s
+        return delay_warnings("pictures", steps, late_s, std, step_s, fit.is_too_late)

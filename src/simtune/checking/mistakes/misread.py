@@ -18,7 +18,7 @@ import numpy as np
 
 from simtune.checking.mistakes.changes import Change, changes
 from simtune.checking.mistakes.dead import dead_encoders
-from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit import OpenLoopReplay, Readings, recorded_loop
 from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.sensitivity import LONGEST_S, MOST_EPISODES
@@ -56,7 +56,7 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
     nominal, steps = where_analyzed(simulator.space), round(LONGEST_S / simulator.step_s)
     few = slice(MOST_EPISODES)
     readings = Readings(readings.actions[few, :steps], readings.values[few, : steps + 1])
-    loop = OpenLoopReplay.of(simulator, observation, nominal)
+    loop = recorded_loop(simulator, observation, nominal, readings)
     unit = simulator.space.to_unit(nominal)
     if loop.where_starts_show(readings, unit).unseen:
         return []

@@ -20,7 +20,7 @@ from simtune.simulation.servos import (
 from simtune.trajectory import Trajectory
 
 _CHUNK = 256  # worlds whose controls are computed at once
-_JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
+_JOINT, _TENDON = mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_TENDON.value
 
 
 class Servo(NamedTuple):
@@ -45,6 +45,14 @@ def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Serv
         None if servo is None or (sensor.is_velocity and not servo.of_speed) else servo
         for sensor, servo in found
     ]
+
+
+def on_tendons(simulator: Simulator) -> list[str]:
+    """Names of servos on tendons that actions command: which joint follows one, nothing says."""
+    model, commanded = simulator.model, simulator.action_mapping.names
+    are_servos = position_servos(model) | velocity_servos(model)
+    found = np.flatnonzero(are_servos & (model.actuator_trntype == _TENDON))
+    return [name for i in found if (name := actuator_name(model, int(i))) in commanded]
 
 
 def commanded_spans(simulator: Simulator, actions: Sequence[np.ndarray]) -> dict[str, float]:

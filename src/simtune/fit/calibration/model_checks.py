@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from simtune.fit.calibration.refits import Refits
-from simtune.fit.fit_warnings import latency_warning, lateness_warning, too_late_warning
 from simtune.fit.result import FitResult
 
 # Ratio to the worst refit's misfit; with few refits their worst is not very large yet.
@@ -32,6 +31,20 @@ _ELSEWHERE = (
     "more minutes or more episodes."
 )
 
+_NO_CAMERA = (
+    "With the known colour as declared, the camera would have a gamma of {:.2f} and an offset of "
+    "{:.0f} of 255 levels, which cameras hardly have: its thing seems to be lit, or to shine, "
+    "otherwise than the model says. So colours are at most weak. Declare a matter one as known, in "
+    "the same light as the others, or none."
+)
+
+_FAR_BESIDE = 2.5  # standard deviations; a camera that is right has 1, one 2 px off had 4
+_BESIDE = (
+    "What moves is seen beside where it is simulated, in all pictures alike ({:.1f} px {}, {:.1f} "
+    "px {}). So does a camera that stands, looks or zooms otherwise than the model's, or a part of "
+    "another shape. Estimates allow for it, but are surer without: declare a camera_pose."
+)
+
 
 def has_comparison(refits: Refits) -> bool:
     """Whether known worlds show how far off the motion of a right simulator is."""
@@ -48,10 +61,34 @@ def is_motion_unexplained(fit: FitResult, refits: Refits) -> bool:
 
 def model_checks(fit: FitResult, refits: Refits) -> list[str]:
     """Warnings for users who rely on the estimates."""
+    return _of_motion(fit, refits) + _beside(fit) + _of_camera(fit)
+
+
+def _beside(fit: FitResult) -> list[str]:
+    """One if pictures are all alike beside the simulation, farther than known worlds' are."""
+    far = [its for its in fit.beside if its.stds > _FAR_BESIDE]
+    if not far:
+        return []
+    most = max(far, key=lambda its: its.stds)
+    across = abs(most.right), "right" if most.right > 0 else "left"
+    along = abs(most.down), "down" if most.down > 0 else "up"
+    return [_BESIDE.format(*across, *along)]
+
+
+def _of_camera(fit: FitResult) -> list[str]:
+    """One if known colours make a response that is no camera's."""
+    if not fit.is_camera_unusual:
+        return []
+    most = max(fit.responses, key=lambda response: np.abs(response.unknown[-2:]).max())
+    return [_NO_CAMERA.format(most.gamma, 255 * most.offset)]
+
+
+def _of_motion(fit: FitResult, refits: Refits) -> list[str]:
+    """Whether known worlds' fits explain as much, or could not tell."""
     if not refits.misfits:
-        return [_NOT_JUDGED, *_late(fit)]
+        return [_NOT_JUDGED]
     if not has_comparison(refits):
-        return [_NOTHING_FOUND, *_late(fit)]
+        return [_NOTHING_FOUND]
     warnings, num = [], len(refits.misfits)
     if num == 1:
         warnings.append(_HARDLY_JUDGED)
@@ -70,7 +107,7 @@ def model_checks(fit: FitResult, refits: Refits) -> list[str]:
             "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
             "before it is found."
         )
-    return warnings + _late(fit)
+    return warnings
 
 
 def elsewhere_warning(fit: FitResult, refits: Refits, visible: Sequence[str]) -> list[str]:
@@ -103,11 +140,3 @@ def held_out_misfit(fit: FitResult, refits: Refits) -> dict[str, Any]:
 def _or_none(distance: float) -> float | None:
     """JSON has no NaN."""
     return float(distance) if np.isfinite(distance) else None
-
-
-def _late(fit: FitResult) -> list[str]:
-    """Warnings of a latency of actions, and of late pictures where that is clear."""
-    late = lateness_warning("pictures", *fit.late_s)
-    if fit.is_too_late:
-        late = [too_late_warning("Pictures", fit.late_s[0])]
-    return latency_warning(fit.latency_steps) + late

@@ -17,7 +17,7 @@ import numpy as np
 from simtune.fit.combine import FIRST_VARIANCE
 from simtune.fit.lateness import Lateness
 from simtune.fit.motion.actuator_replay import ActuatorReplay
-from simtune.fit.motion.common_errors import directions
+from simtune.fit.motion.common_errors import Beside, beside, directions
 from simtune.fit.motion.linearization import LinearizationPoint
 from simtune.fit.motion.shooting_config import DERIVED_EVERY, ShootingConfig, Stage
 from simtune.fit.motion.shooting_step import ShootingStep
@@ -49,6 +49,7 @@ class ShootingFit:
     state_std: np.ndarray
     late_steps: float = 0.0  # lateness of pictures; 0 if it is not fitted
     late_std: float = 0.0  # its standard deviation
+    beside: tuple[Beside, ...] = ()  # of each camera
 
 
 class _Ended(NamedTuple):
@@ -202,6 +203,7 @@ class Shooting:
             state_std=self._prior_std if hessian is None else self._step.state_std(hessian),
             late_steps=late_steps,
             late_std=late_std,
+            beside=beside(evidence, point.common),
         )
 
     def _cut(

@@ -10,6 +10,7 @@ is unknown, and gains can be separated from colours only where an object's colou
 prior is what cameras usually do.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from simtune.vision.image_noise import ImageNoise
 NUM_CHANNELS, NUM_UNKNOWN = 3, 5
 _GAMMA, _OFFSET = NUM_CHANNELS, 4
 _DARK = 1e-3  # of the full scale: lower bound for a logarithm
+_UNUSUAL = 3.0  # standard deviations of what cameras usually do
 _ANY_GAIN = 0.5  # prior standard deviation of log gain where known colours inform it
 # Shadows, highlights and textures are drawn wrongly in all pictures alike. So all pixels of known
 # colours together count as _FEW, each with a relative error _WRONG and an absolute one of
@@ -68,6 +70,11 @@ class CameraResponse:
         gain = (each * self.gain).astype(np.float32)
         return np.float32(self.offset) + gain * drawn.clip(0) ** np.float32(self.gamma)
 
+    def is_usual(self, usual: ImageNoise) -> bool:
+        """Whether gamma and offset are a camera's; a gain may be any."""
+        shape = np.abs(self.unknown[_GAMMA:]) / (usual.gamma, usual.offset)
+        return bool(shape.max() < _UNUSUAL)
+
     def to_json(self) -> dict[str, Any]:
         return {"gain": self.gain.tolist(), "gamma": self.gamma, "offset": self.offset}
 
@@ -82,6 +89,11 @@ class Photometry(NamedTuple):
     def is_known(self) -> np.ndarray:
         """(N,) bool."""
         return np.isfinite(self.known)
+
+    def are_unusual(self, responses: Sequence[CameraResponse]) -> bool:
+        """Whether any of these is no usual camera's."""
+        usual = self.camera_noise
+        return usual is not None and any(not its.is_usual(usual) for its in responses)
 
 
 class ResponseStep(NamedTuple):

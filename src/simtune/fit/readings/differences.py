@@ -8,7 +8,7 @@ from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
 from simtune.fit.readings.stretches import Stretches
 
-_UNIT_DELTA = 5e-3
+UNIT_DELTA = 5e-3
 # Times a reading's range in a stretch, or rad, m, or those per second if that is less than 1
 _EXPLODED = 100.0
 _STATE_DELTA = 0.05  # in units of `start_std`
@@ -36,7 +36,7 @@ def differentiate(
     """
     delta = _deltas(loop, at.unit)
     number = np.arange(len(delta))
-    here, there, others = _changed(loop, at, delta, number, one_sided)
+    here, there, others = changed_together(loop, at, delta, number, one_sided)
     twice = len(others)
     there[:twice] = agreed(there[:twice], others)
     slopes = (there / delta[:, None, None, None]).swapaxes(0, 1)
@@ -52,7 +52,7 @@ def refresh(
     The others keep their values from a point near by. One-sided where nothing touches.
     """
     delta, num = _deltas(loop, at.unit), len(loop.fitted)
-    here, there, others = _changed(loop, at, delta, groups.number, one_sided=True)
+    here, there, others = changed_together(loop, at, delta, groups.number, one_sided=True)
     derived = np.concatenate([slopes.by_parameter, slopes.by_start], 1).swapaxes(0, 1)  # (U, W, …)
     is_main = np.zeros((len(delta), loop.measured.num_readings), bool)  # (U, D)
     anew = np.flatnonzero(groups.number >= 0)
@@ -77,11 +77,11 @@ def refresh(
 
 def _deltas(loop: OpenLoopReplay, unit: np.ndarray) -> np.ndarray:
     """(U,) step of each unknown; of a bounded one, inward."""
-    of_parameters = np.where(unit[loop.fitted] > 0.5, -_UNIT_DELTA, _UNIT_DELTA)
+    of_parameters = np.where(unit[loop.fitted] > 0.5, -UNIT_DELTA, UNIT_DELTA)
     return np.concatenate([of_parameters, np.full(len(loop.measured.start_tangents), _STATE_DELTA)])
 
 
-def _changed(
+def changed_together(
     loop: OpenLoopReplay,
     at: DifferencePoint,
     delta: np.ndarray,

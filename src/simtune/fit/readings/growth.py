@@ -90,7 +90,8 @@ def _grown(loop: OpenLoopReplay, predicted: np.ndarray) -> np.ndarray:
     large at once in whatever swings quickly.
     """
     counted = loop.measured.tells_places
-    away = (predicted[1:] - predicted[0])[..., counted] / assumed_noise(loop.sensors)[counted]
+    with np.errstate(over="ignore", invalid="ignore"):  # what flies away has grown much
+        away = (predicted[1:] - predicted[0])[..., counted] / assumed_noise(loop.sensors)[counted]
     return np.abs(away).max((0, 3), initial=0.0)
 
 

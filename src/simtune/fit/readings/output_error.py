@@ -33,6 +33,7 @@ from simtune.fit.readings.residuals import spread
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.slopes import Groups, StretchSlopes
 from simtune.fit.readings.stretches import Readings
+from simtune.fit.readings.weak_directions import sharpened
 from simtune.observation import assumed_noise
 
 _MORE_ITERATIONS = 5  # with all derivatives computed anew
@@ -143,5 +144,8 @@ class OutputErrorMethod:
         return judge(ended, self._differentiate(ended), budget)
 
     def _differentiate(self, ended: Descent) -> StretchSlopes:
-        """Full derivatives where a descent ended."""
-        return differentiate(self._loop, ended.objective.difference_point(ended.point))
+        """Full derivatives where a descent ended, also along what readings hardly tell."""
+        objective, at = ended.objective, ended.objective.difference_point(ended.point)
+        slopes = differentiate(self._loop, at)
+        told = objective.equations(ended.point, slopes, ended.noise).information.sum(0)
+        return sharpened(self._loop, at, slopes, told)

@@ -14,7 +14,9 @@ from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.segments import Segments
+from simtune.fit.readings.slopes import StretchSlopes
 from simtune.fit.readings.stretches import Readings, Stretches
+from simtune.fit.readings.weak_directions import sharpened
 from simtune.observation import (
     ObservationModel,
     assumed_noise,
@@ -159,15 +161,21 @@ class ReplayedReadings:
         if self._may_be_late:  # as in a fit
             loop, unit = loop.with_lateness(), np.append(unit, Lateness.unit(0.0))
         start_std = loop.measured.start_std(assumed_noise(loop.sensors), stretches)
-        slopes = differentiate(loop, DifferencePoint(stretches, stretches.states, unit, start_std))
+        at = DifferencePoint(stretches, stretches.states, unit, start_std)
         nothing_left = 0 * stretches.values  # NaN where nothing was read
         offsets = finds_offset(loop.sensors)
         by_start = loop.starts_by_shared(stretches, offsets) / start_std
-        shared = by_shared(slopes, offsets, by_start)
+
+        def told(slopes: StretchSlopes, noise: np.ndarray) -> np.ndarray:
+            shared = by_shared(slopes, offsets, by_start)
+            equations = normal_equations(slopes.by_start, shared, nothing_left, noise)
+            return equations.information.sum(0)
+
+        slopes = differentiate(loop, at)
+        slopes = sharpened(loop, at, slopes, told(slopes, noises[-1]))
         found = []
         for noise in noises:
-            equations = normal_equations(slopes.by_start, shared, nothing_left, noise)
-            total = equations.information.sum(0)
+            total = told(slopes, noise)
             mixed, others = total[:num, num:], total[num:, num:]
             found.append(total[:num, :num] - mixed @ np.linalg.pinv(others) @ mixed.T)
         return np.stack(found)

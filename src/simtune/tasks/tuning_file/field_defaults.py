@@ -11,7 +11,7 @@ from mujoco.batch import MODEL_FIELDS
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import Parameter, field_of, rows_of
 from simtune.parameters.field_index import field_index
-from simtune.parameters.fields import KINDS, OF_JOINTS
+from simtune.parameters.fields import KINDS
 from simtune.parameters.model_writer import start_from_material
 from simtune.parameters.tunable import why_not_tunable
 from simtune.tasks.tuning_file.shared_limits import limits_of_driven, refuse_shared
@@ -115,6 +115,18 @@ def check_gains(model: mujoco.MjModel, actuators: Iterable[str]) -> None:
             )
 
 
+def check_gears(model: mujoco.MjModel, actuators: Iterable[str]) -> None:
+    """Raises InputError for actuators whose gear lies in other components, as a thruster's does."""
+    for name in actuators:
+        (gear,) = model.actuator_gear[rows_of(model, "actuator_gear", name)]
+        if gear[0] == 0 and (others := [str(i) for i in np.flatnonzero(gear)]):
+            raise InputError(
+                f'{name} has a gear of 0 in component 0, which kind = "gear" tunes, but not in '
+                f'{" and ".join(others)}: say field = "actuator_gear" and component = {others[0]}, '
+                'or kind = "gain", which scales all that it does'
+            )
+
+
 def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
     """The parameter's nominal value, from the model. Raises InputError if there are several."""
     values, info = own_values(model, parameter), parameter.field_info
@@ -178,26 +190,3 @@ def _without_form(model: mujoco.MjModel, parameter: Parameter, values: np.ndarra
 def _own_limits(model: mujoco.MjModel, parameter: Parameter, values: np.ndarray) -> np.ndarray:
     """The (objects, 2) `values` of actuators' own limits; NaN: none."""
     return np.where(_has_own(model, parameter)[:, None], values, np.nan)
-
-
-def usual_unit(model: mujoco.MjModel, parameter: Parameter) -> str:
-    info = parameter.field_info
-    if parameter.is_factor:
-        return "×"
-    if moves_slide(model, parameter):
-        return info.unit_of_slides
-    return info.unit
-
-
-def moves_slide(model: mujoco.MjModel, parameter: Parameter) -> bool:
-    """Whether the first object is a slide or an actuator of a slide."""
-    if not parameter.field_info.unit_of_slides:
-        return False
-    name = parameter.objects[0]
-    if parameter.field_info.prefix != "actuator":
-        joint = model.joint(name).id
-    elif model.actuator(name).trntype[0] in OF_JOINTS:
-        joint = model.actuator(name).trnid[0]
-    else:
-        return False
-    return model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE.value

@@ -1,7 +1,8 @@
 """The tables [[parameters]] of a tuning file."""
 
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 import mujoco
@@ -16,14 +17,15 @@ from simtune.tasks.tuning_file.field_defaults import (
     check_factor,
     check_field,
     check_gains,
+    check_gears,
     check_objects,
     own_nominal,
     own_values,
-    usual_unit,
 )
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.possible_shapes import check_inertia, check_sizes, usual_range
 from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.tasks.tuning_file.units import usual_unit
 
 _NUMBERS = ("nominal", "low", "high", "scale", "unit")
 _ALL = ("name", "kind", "field", "objects", "component", *_NUMBERS, "within_m", "within_rad")
@@ -42,14 +44,24 @@ def read_parameters(
     if not entries:
         raise file.error("nothing to tune: declare parameters, each after a line [[parameters]]")
     model, space = spec.compile(), ParameterSpace([])
+    unsure = _of_unsure_inertia(entries, model)
     for entry in entries:
         with entry.at():
-            new = _read(entry, model, cameras)
+            new = _read(entry, model, cameras, unsure)
             space = ParameterSpace([*space, *new], where=file.file.name)
             if any(parameter.changes_model for parameter in new):
                 model = _prepared(spec, space, step_s)
             ModelWriter(space, model)
     return space
+
+
+def _of_unsure_inertia(entries: Sequence[TomlTable], model: mujoco.MjModel) -> set[str]:
+    """Bodies of which two inertias or more are searched, or one and the mass, which scales all."""
+    counts = Counter[str]()
+    for entry in entries:
+        if entry.text("field", entry.text("kind", "")) in ("body_mass", "body_inertia", "mass"):
+            counts.update(_objects(entry, model, "body_mass", ()))
+    return {name for name, count in counts.items() if count > 1}
 
 
 def _prepared(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> mujoco.MjModel:
@@ -73,7 +85,10 @@ def read_known_colours(file: TomlTable, space: ParameterSpace) -> dict[str, floa
     return known
 
 
-def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> list[Parameter]:
+def _read(
+    entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str], unsure: Set[str]
+) -> list[Parameter]:
+    """`unsure`: bodies of `_of_unsure_inertia`."""
     name = entry.text("name")
     if not re.fullmatch(r"[A-Za-z0-9_\-]+", name):
         raise entry.error(f"name must be letters, digits, _ and - only, got {name!r}", "name")
@@ -83,7 +98,8 @@ def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> li
         entry.allow("name", "field", "objects", "component", *_NUMBERS)
         field = entry.text("field")
         component = entry.whole("component", None, least=0)
-        return [_number(entry, model, field, _objects(entry, model, field, ()), component)]
+        objects = _objects(entry, model, field, ())
+        return [_number(entry, model, field, objects, component, unsure)]
     if "kind" not in entry:
         entry.allow(*_ALL)  # first look for a misspelt key
         raise entry.error(f"{name} has neither kind nor field: expected one of them")
@@ -98,11 +114,11 @@ def _read(entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str]) -> li
     entry.allow("name", "kind", "objects", *["component"] * asks, *_NUMBERS)
     films = films if field.prefix == "cam" else None
     objects = _objects(entry, model, field.name, films, plays=kind.form == "play")
-    if kind.name == "gain":
+    if check := {"gain": check_gains, "gear": check_gears}.get(kind.name):
         with entry.at("objects"):
-            check_gains(model, objects)
+            check(model, objects)
     apart = kind.name if kind.is_apart else ""
-    return [_number(entry, model, field.name, objects, component, apart)]
+    return [_number(entry, model, field.name, objects, component, unsure, apart)]
 
 
 def _objects(
@@ -128,6 +144,7 @@ def _number(
     field: str,
     objects: tuple[str, ...],
     component: int | None,
+    unsure: Set[str],
     kind: str = "",
 ) -> Parameter:
     """One parameter; missing keys default to the model's value or the field's usual range."""
@@ -140,7 +157,7 @@ def _number(
             check_factor(model, draft, [o for o in entry.names("objects") if o in objects])
     if nominal < 0 and draft.field_info.is_never_negative:
         raise entry.error(f"{name}: {field} cannot be negative, got {nominal:g}", "nominal")
-    low, high, scale = usual_range(model, draft, nominal)
+    low, high, scale = usual_range(model, draft, nominal, unsure)
     low, high = entry.number("low", low), entry.number("high", high)
     if low is None or high is None:
         known = " and ".join(k for k, v in (("low", low), ("high", high)) if v is None)
@@ -151,7 +168,7 @@ def _number(
     scale = entry.choice("scale", ("log", "linear"), scale if low > 0 else "linear")
     unit = entry.text("unit", usual_unit(model, draft))
     with entry.at("low" if "low" in entry else "nominal"):
-        check_inertia(model, draft, nominal, low, high)
+        check_inertia(model, draft, unsure, nominal, low, high)
         return replace(draft, nominal=nominal, low=low, high=high, scale=scale, unit=unit)
 
 

@@ -1,5 +1,6 @@
 """What objects allow: how many numbers of a size or equality count, and possible inertias."""
 
+from collections.abc import Set
 from math import inf
 from typing import Literal
 
@@ -9,7 +10,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters import Parameter, rows_of
 from simtune.parameters.fields import FEW_SIZES
-from simtune.tasks.tuning_file.field_defaults import moves_slide
+from simtune.tasks.tuning_file.units import moves_slide
 
 _FEW_DATA = {
     mujoco.mjtEq.mjEQ_CONNECT.value: ("connect", 6),
@@ -42,12 +43,15 @@ def check_sizes(model: mujoco.MjModel, parameter: Parameter) -> None:
 
 
 def usual_range(
-    model: mujoco.MjModel, parameter: Parameter, nominal: float
+    model: mujoco.MjModel, parameter: Parameter, nominal: float, unsure: Set[str]
 ) -> tuple[float | None, float | None, Literal["log", "linear"]]:
-    """The field's (low, high, scale) around a nominal value, without impossible inertias."""
+    """The field's (low, high, scale) around a nominal value, without impossible inertias.
+
+    `unsure`: see `check_inertia`.
+    """
     is_slide = moves_slide(model, parameter)
     low, high, scale = parameter.field_info.usual_range(nominal, is_slide)
-    least, most = _inertia_limits(model, parameter)
+    least, most = _inertia_limits(model, parameter, unsure)
     if low is not None:
         low = max(low, min(nominal, least * (1 + _EXPORTED)))
     if high is not None:
@@ -55,12 +59,14 @@ def usual_range(
     return low, high, scale
 
 
-def check_inertia(model: mujoco.MjModel, parameter: Parameter, *values: float) -> None:
+def check_inertia(
+    model: mujoco.MjModel, parameter: Parameter, unsure: Set[str], *values: float
+) -> None:
     """Raises InputError for an inertia that no body has beside its other two (MuJoCo's A + B ≥ C).
 
-    They are taken as the model has them.
+    They are taken as the model has them, except of bodies where they are `unsure` themselves.
     """
-    least, most = _inertia_limits(model, parameter)
+    least, most = _inertia_limits(model, parameter, unsure)
     for value in values:
         if not least * (1 - _ROUNDING) <= value <= most * (1 + _ROUNDING):
             raise InputError(
@@ -69,11 +75,14 @@ def check_inertia(model: mujoco.MjModel, parameter: Parameter, *values: float) -
             )
 
 
-def _inertia_limits(model: mujoco.MjModel, parameter: Parameter) -> tuple[float, float]:
+def _inertia_limits(
+    model: mujoco.MjModel, parameter: Parameter, unsure: Set[str]
+) -> tuple[float, float]:
     """(low, high) of a component of `body_inertia`; other parameters have no such limits."""
-    if parameter.field != "body_inertia" or parameter.component is None:
+    sure = [name for name in parameter.objects if name not in unsure]
+    if parameter.field != "body_inertia" or parameter.component is None or not sure:
         return -inf, inf
-    rows = np.concatenate([rows_of(model, parameter.field, name) for name in parameter.objects])
+    rows = np.concatenate([rows_of(model, parameter.field, name) for name in sure])
     inertia = model.body_inertia[rows]
     own, others = inertia[:, parameter.component], np.delete(inertia, parameter.component, 1)
     least, most = np.abs(others[:, 0] - others[:, 1]), others.sum(1)

@@ -30,15 +30,18 @@ from simtune.fit import (
     OpenLoopReplay,
     OutputErrorMethod,
     Readings,
+    recorded_loop,
 )
-from simtune.observation import finds_offset
+from simtune.observation import finds_offset, joints_of
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.pace import slow_steps
 from simtune.tuning.readings.agreement import BestDescent
-from simtune.tuning.readings.descents import Horizons, Latency, ReadingsDescents
+from simtune.tuning.readings.descents import ReadingsDescents
+from simtune.tuning.readings.horizons import Horizons, Latency, longest_latency
 from simtune.tuning.readings.verdict import ReadingsResult, conclude
 from simtune.tuning.readings.warnings import Unmeasured
+from simtune.tuning.readings.whole import WholeFits
 from simtune.tuning.rounds import half_widths, is_precise
 from simtune.tuning.search import (
     NO_CALLBACKS,
@@ -173,7 +176,9 @@ class ReadingsSearch(Search):
         left_s = budget.seconds_left  # may be infinite, which allows no difference of two shares
         searching_s = min((1 - _JUDGING) * left_s, left_s - _JUDGED * self._judged_s)
         part = budget.part(searching_s, (0.4, 0.9))
-        return fits.fit_until_two_agree(ended, latency.steps, part), latency
+        longest = longest_latency(readings, step_s)
+        whole = WholeFits(method, readings, low < high, self.config.horizons, longest, seed)
+        return whole.fit_until_two_agree(ended, latency, part)
 
     def _method(self, loop: OpenLoopReplay) -> OutputErrorMethod:
         return OutputErrorMethod(loop, finds_offset(loop.sensors), self._begin(loop))
@@ -194,9 +199,9 @@ class ReadingsSearch(Search):
     def look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
         """Readings of these episodes, and what replays them."""
         seen = self.context.observation
-        loop = OpenLoopReplay.of(self._simulator, seen, self.context.start)
+        readings = Readings.of(real, joints_of(seen.sensors))
+        loop = recorded_loop(self._simulator, seen, self.context.start, readings)
         loop = loop.with_lateness() if self._may_be_late else loop
-        readings = Readings.of(real, loop.sensors)
         return readings, loop.where_starts_show(readings, self._begin(loop))
 
     def _events(self) -> list[Event]:

@@ -16,7 +16,7 @@ from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate, at_most_weak
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
-from simtune.tuning.readings.descents import Latency
+from simtune.tuning.readings.horizons import Latency
 from simtune.tuning.readings.warnings import Unmeasured, all_warnings
 from simtune.tuning.survival_curves import normal_curves
 

@@ -11,13 +11,12 @@ from simtune.fit import (
     bound_warnings,
     delay_warnings,
     timestep_warning,
-    too_late_warning,
 )
 from simtune.fit.lateness import is_too_late
 from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
-from simtune.tuning.readings.descents import Latency
+from simtune.tuning.readings.horizons import Latency
 
 _MOST_NAMED = 6  # parameters at a bound
 _NEARLY_ALL = 0.8  # of the readings
@@ -54,7 +53,8 @@ _UNSEEN = (
     "Where {0} begins no sensor measures, and each episode may begin elsewhere: readings alone "
     "cannot be replayed from there, so nothing that they tell is called identified. Measure it, "
     "or look at a camera as well. If the robot always begins the same, say so by a keyframe "
-    "([initial_state]); if it is mounted, by fixed_joints."
+    "([initial_state]); if it is mounted, by fixed_joints; if it moves with a measured joint, by "
+    "an equality of the two in the model."
 )
 _MAYBE_LATER = (
     "There was no time to look for a longer delay of actions: it may pass for damping, so nothing "
@@ -87,15 +87,15 @@ def all_warnings(
     """Of a fit with errors of (N,) `std` in unit coordinates; the rest as in `conclude`."""
     unseen, left_out = unmeasured
     late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
+    is_late = is_too_late(judged.late_steps[0])
     off = unexplained(judged.noise, joints_of(observation.sensors))
     is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
     # What the timestep changes by more than all other errors
     by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
     return [
         *([unseen_warning(unseen)] if unseen else []),
-        *delay_warnings("readings", latency.steps, *late_s, step_s),
+        *delay_warnings("readings", latency.steps, *late_s, step_s, is_late),
         *([] if latency.is_known else [_MAYBE_LATER]),
-        *([too_late_warning("Readings", late_s[0])] if is_too_late(judged.late_steps[0]) else []),
         *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
         *([] if unseen else _of_end(found)),
         *_of_misfit(judged.noise, observation, left_out),

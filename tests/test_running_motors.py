@@ -1,0 +1,76 @@
+"""Recordings that begin while motors that lag are at work, and those that begin at rest."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simtune.fit import OpenLoopReplay, Readings, recorded_loop, replay_whole
+from simtune.real.observed import observed
+from simtune.tasks import load_task
+
+STEP_S, CUT = 0.02, 37
+SCENE = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody><body><joint name="lift" type="slide" axis="0 0 1" damping=".5"/>
+    <geom size=".1" mass="1"/></body></worldbody>
+  <actuator><motor name="fan" joint="lift" gear="20"/></actuator>
+</mujoco>
+"""
+TUNE = f"""
+model = "scene.xml"
+control_timestep_s = {STEP_S}
+[[sensors]]
+name = "height"
+joints = ["lift"]
+noise = 0.0005
+[[parameters]]
+name = "thrust"
+kind = "gain"
+objects = "fan"
+[[parameters]]
+name = "lag"
+kind = "lag"
+objects = "fan"
+nominal = 0.06
+"""
+
+
+@pytest.mark.parametrize("thrust", [0.5, 1.0, 2.0])
+def test_a_motor_that_lags_ran_before_if_first_readings_say_so(tmp_path: Path, thrust: float):
+    """Of the same motion, from rest and cut out of it, whatever the gain is to be."""
+    (tmp_path / "scene.xml").write_text(SCENE)
+    (tmp_path / "tune.toml").write_text(TUNE)
+    task = load_task(str(tmp_path / "tune.toml"))
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=False)
+    times, rng = STEP_S * np.arange(150), np.random.default_rng(0)
+    actions = 0.49 / thrust + 0.1 * np.sin([3 * times, 5 * times])[..., None]  # it nearly hovers
+    world = np.array([thrust, 0.06])
+    played = simulator.roll_out(np.tile(world, (2, 1)), actions, rng)
+    heights = simulator.state_space.positions_and_velocities(played.states)[..., :1]
+    heights = heights + 1e-4 * rng.normal(size=heights.shape)
+    unit = task.parameters.to_unit(world)
+    off = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+
+    def astray(loop: OpenLoopReplay, readings: Readings) -> float:
+        return np.abs(replay_whole(loop, readings, unit, np.zeros(1)) - readings.values).max()
+
+    whole, cut = (Readings(actions[:, begin:], heights[:, begin:]) for begin in (0, CUT))
+    loop = recorded_loop(simulator, seen, task.parameters.nominal, whole)
+    assert loop.physics.simulator is simulator
+    loop = recorded_loop(simulator, seen, task.parameters.nominal, cut)
+    # Not exactly at its first control, which was another one before
+    assert astray(loop, cut) < 0.3 * astray(off, cut)
+
+
+def test_servos_and_motors_without_a_lag_are_not_asked(tmp_path: Path):
+    servo = SCENE.replace("<motor", "<position").replace(" gear", " kp")
+    (tmp_path / "scene.xml").write_text(servo)
+    (tmp_path / "tune.toml").write_text(TUNE)
+    task = load_task(str(tmp_path / "tune.toml"))
+    assert not task.simulator(image_size=16).held.motors_lag
+    (tmp_path / "scene.xml").write_text(SCENE)
+    (tmp_path / "tune.toml").write_text(TUNE[: TUNE.rindex("[[parameters]]")])
+    task = load_task(str(tmp_path / "tune.toml"))
+    assert not task.simulator(image_size=16).held.motors_lag
