@@ -639,11 +639,12 @@ def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
 
 def test_pictures_that_are_all_alike_beside_the_simulation_are_told():
     known = refits_of(np.zeros((8, len(SPACE))))
-    right = replace(a_fit(), beside=(Beside("keypoints", 1.4, 0.2, 0.1),))
+    right = replace(a_fit(), beside=(Beside("keypoints", 1.4, 0.3, 0.2, 0.1),))
     assert model_checks(right, known) == []
-    off = replace(a_fit(), beside=(*right.beside, Beside("keypoints", 4.3, 0.5, -1.03)))
+    off = replace(a_fit(), beside=(*right.beside, Beside("keypoints", 4.3, 1.2, 0.5, -1.03)))
     (warning,) = model_checks(off, known)
-    assert "in all pictures alike (0.5 px right, 1.0 px up)" in warning
+    assert "seen 1.2 px beside where it is simulated" in warning
+    assert "(in the mean 0.5 px right and 1.0 px up)" in warning
 
 
 def test_how_far_beside_pictures_are_is_a_mean_by_how_well_each_keypoint_is_known():
@@ -653,6 +654,7 @@ def test_how_far_beside_pictures_are_is_a_mean_by_how_well_each_keypoint_is_know
     found = np.array([0.4, -0.4, 0.2])  # px, of the three that may err
     (its,) = beside(AllEvidence((tracks,)), found / std.ravel()[:3] * COMMON_STD)
     assert its.stds == pytest.approx(np.sqrt((4**2 + 2**2 + 1**2) / 3))
+    assert its.px == pytest.approx(np.sqrt((0.4**2 + 0.4**2 + 0.2**2) / 2))
     assert its.right == pytest.approx((0.4 / 0.1**2 + 0.2 / 0.2**2) / (0.1**-2 + 0.2**-2))
     assert its.down == pytest.approx(-0.4)
 
@@ -664,9 +666,10 @@ def test_a_known_colour_that_makes_no_camera_leaves_colours_at_most_weak():
     assert not camera.is_usual(usual)
     assert CameraResponse(np.append(gains, [np.log(1.1), -0.019])).is_usual(usual)
     assert not CameraResponse(np.append(gains, [0.0, 0.04])).is_usual(usual)
-    assert Photometry(usual, np.zeros(1)).are_unusual([camera])
-    assert not Photometry(None, np.zeros(1)).are_unusual([])
-    its = replace(a_fit(), responses=[camera], is_camera_unusual=True)
+    other = CameraResponse(np.zeros(5))
+    assert Photometry(usual, np.zeros(1)).unusual([other, camera]) is camera
+    assert Photometry(usual, np.zeros(1)).unusual([other]) is None
+    its = replace(a_fit(), responses=[other, camera], unusual_camera=camera)
     known = refits_of(np.zeros((8, len(SPACE))))
     (warning,) = model_checks(its, known)
     assert "a gamma of 1.22 and an offset of -5 of 255 levels" in warning

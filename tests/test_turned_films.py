@@ -1,4 +1,4 @@
-"""Films that are mirrored or turned beside readings, of a pusher on a table and of an arm."""
+"""Films that are mirrored or turned beside readings or actions, of a pusher and of an arm."""
 
 from pathlib import Path
 
@@ -8,10 +8,13 @@ import pytest
 from simtune.cameras.views import View
 from simtune.checking import check
 from simtune.checking.film.as_read import AsRead
+from simtune.checking.film.at_odds import at_odds
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import Comparison
+from simtune.checking.film.explanations import AtOdds, Worlds
 from simtune.checking.film.film_warnings import all_clear, warnings
 from simtune.checking.film.framing import AS_IT_IS, TURNS
+from simtune.checking.film.look import look_at
 from simtune.checking.film.painted import hidden_background, painted_over
 from simtune.checking.film.turned import Turned, turned
 from simtune.config import CheckConfig
@@ -80,14 +83,17 @@ def write_task(folder: Path, joints: str = '["x", "y"]', more: str = "") -> Task
 class Scene:
     """Episodes in which the pusher goes about, or to and fro along x only."""
 
-    def __init__(self, task: Task, *, line: bool = False, travel: float = 0.2):
+    def __init__(
+        self, task: Task, *, line: bool = False, travel: float = 0.2, kp: float | None = None
+    ):
+        self.task = task
         self.seen: ObservationModel = observed(task, None, is_simulated=False)
         self.simulator: Simulator = task.simulator(image_size=SIZE)
         rng, times = np.random.default_rng(0), np.arange(STEPS) * STEP_S
         phases, speeds = rng.uniform(0, 6, (2, 3, 2, 1)) * np.array([[[[1]]], [[[0.3]]]])
         self.actions = travel * np.sin((0.7 + speeds) * times + phases).swapaxes(1, 2)
         self.actions[..., 1] *= not line
-        worlds = np.tile(task.parameters.nominal, (3, 1))
+        worlds = np.tile(task.parameters.nominal if kp is None else [kp], (3, 1))
         played = self.simulator.roll_out(
             worlds, self.actions, rng, self.seen.observe_beside(), starts=self._starts(worlds, rng)
         )
@@ -244,6 +250,135 @@ def test_the_command_warns_of_a_film_that_is_turned(tmp_path, flipped, small_lib
     said = "mirrored top to bottom" if flipped else None
     assert found["films"]["top"]["against_readings"] == said
     assert any("against what readings say" in its for its in found["warnings"]) == flipped
+
+
+# --- beside actions -----------------------------------------------------------------------
+
+
+def actions_of(scene: Scene) -> dict[str, np.ndarray]:
+    return {f"push{e}": actions for e, actions in enumerate(scene.actions)}
+
+
+def beside_actions(film: np.ndarray, scene: Scene, actions: dict[str, np.ndarray], seed: int = 0):
+    films = {0: np.ascontiguousarray(film)}
+    return at_odds(films, scene.simulator, actions, seed).get(0)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("late", [0, 2])
+def test_a_film_that_follows_its_actions_needs_no_explanation(scene, late):
+    assert beside_actions(scene.film(late), scene, actions_of(scene)) is None
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("factor", [0.25, 4])
+def test_a_film_of_softer_or_stiffer_servos_needs_no_explanation(tmp_path, factor):
+    scene = Scene(write_task(tmp_path), kp=factor * 100)
+    assert beside_actions(scene.film(), scene, actions_of(scene)) is None
+
+
+@pytest.mark.thorough
+def test_a_mirrored_film_is_told_by_actions_and_so_is_the_sign_that_would_do(scene):
+    found = beside_actions(scene.film()[..., ::-1, :], scene, actions_of(scene))
+    assert [framing.says for framing in found.framings] == ["mirrored left to right"]
+    assert found.reversed == ["the action px"]
+
+
+@pytest.mark.thorough
+def test_all_reversed_signs_look_as_if_the_film_were_upside_down(scene):
+    negated = {name: -actions for name, actions in actions_of(scene).items()}
+    found = beside_actions(scene.film(), scene, negated)
+    assert [framing.says for framing in found.framings] == ["upside down"]
+    assert found.reversed == ["all actions"]
+
+
+@pytest.mark.thorough
+def test_exchanged_actions_are_told_by_their_episodes_names(scene):
+    first, second, third = actions_of(scene).items()
+    names, actions = zip(first, second, third, strict=True)
+    exchanged = dict(zip(names, [actions[1], actions[0], actions[2]], strict=True))
+    found = beside_actions(scene.film(), scene, exchanged)
+    assert found == AtOdds(actions_of={"push0": "push1", "push1": "push0"})
+
+
+@pytest.mark.thorough
+def test_equal_actions_or_a_single_episode_tell_nothing(scene):
+    one = {"push0": scene.actions[0]}
+    mirrored = scene.film()[:1, ..., ::-1, :]
+    assert beside_actions(mirrored, scene, one) is None
+    same = dict.fromkeys(("push0", "push1"), scene.actions[0])
+    assert beside_actions(scene.film()[[0, 0]], scene, same) is None
+
+
+def test_motors_are_not_told_of(scene, monkeypatch):
+    not_servos = scene.simulator.model.nu * [False]
+    monkeypatch.setattr(
+        "simtune.checking.film.at_odds.position_servos", lambda model: np.array(not_servos)
+    )
+    assert beside_actions(scene.film()[..., ::-1, :], scene, actions_of(scene)) is None
+
+
+def drawn_bars(at: np.ndarray) -> np.ndarray:
+    """(E, K, SIZE, SIZE, 3) pictures of a bar that is `at` (E, K) columns."""
+    frames = np.full((*at.shape, SIZE, SIZE, 3), 90, np.uint8)
+    for frame, column in zip(frames.reshape(-1, SIZE, SIZE, 3), at.ravel(), strict=True):
+        frame[6:26, column : column + 6] = 220
+    return frames
+
+
+def test_bars_beside_worlds_are_explained_only_if_they_move_otherwise():
+    at = np.random.default_rng(0).integers(4, 50, (3, KEPT))
+    worlds = Worlds(np.stack([drawn_bars(at + shift) for shift in (-2, 0, 1, 2)]))
+    right, wrong = drawn_bars(at - 1), drawn_bars(at - 1)[..., ::-1, :]
+    assert not worlds.is_poor(right)
+    assert worlds.is_poor(wrong)
+    found = worlds.explain(wrong, [], {}, ["a", "b", "c"])
+    assert found is not None
+    assert [framing.says for framing in found.framings] == ["mirrored left to right"]
+    assert worlds.explain(drawn_bars(at[[1, 0, 2]]), [], {}, ["a", "b", "c"]) == AtOdds(
+        actions_of={"a": "b", "b": "a"}
+    )
+
+
+def test_nothing_is_explained_if_worlds_say_the_same_of_each_other():
+    at = np.random.default_rng(0).integers(4, 50, (3, KEPT))
+    sides = [drawn_bars(at + shift) for shift in (0, 1, 2, 3, 4)]
+    worlds = Worlds(np.stack([*sides, sides[0][..., ::-1, :]]))  # one swings to the other side
+    assert worlds.is_poor(film := sides[1][..., ::-1, :])
+    assert worlds.explain(film, [], {}, ["a", "b", "c"]) is None
+
+
+def test_what_is_said_of_a_film_at_odds_with_its_actions():
+    frames = np.zeros((1, 1, 8, 8, 3), np.uint8)
+    film = CameraFilm("top", frames, View("top"), is_plate=True)
+    comparison = Comparison(1.0, AS_IT_IS, 1.0, 1.03, 1.0, 0.1, 0.1, np.zeros((1, 1), int))
+    says = [
+        warnings(film, comparison, at_odds=odds)[0]
+        for odds in (
+            AtOdds([TURNS[0]], ["the action px"]),
+            AtOdds([], ["the action px"]),
+            AtOdds(actions_of={"a": "b", "b": "a"}),
+        )
+    ]
+    assert says[0].startswith("the film looks mirrored left to right beside simulated worlds")
+    assert "or the sign of the action px is reversed" in says[0]
+    assert "as if the sign of the action px were reversed" in says[1]
+    assert "in a it follows b's, in b it follows a's; are files" in says[2]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("flipped", [False, True])
+def test_looking_at_a_film_says_what_explains_it_beside_actions(
+    scene, tmp_path, flipped, small_library
+):
+    frames = scene.film()[..., :: -1 if flipped else 1, :]
+    film = CameraFilm("top", np.ascontiguousarray(frames), scene.simulator.views[0], True)
+    config = CheckConfig(task="pusher", pictures=tmp_path / "film.png")
+    looked = (scene.task, scene.simulator, scene.actions, config, None, actions_of(scene))
+    facts, found = look_at([film], *looked)
+    odds = {"framings": ["mirrored left to right"], "reversed": ["the action px"], "actions_of": {}}
+    assert facts["top"]["against_actions"] == (odds if flipped else None)
+    assert any("that play its actions" in said for said in found) == flipped
 
 
 # --- a colour over a recorded background --------------------------------------------------

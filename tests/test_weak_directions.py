@@ -41,9 +41,11 @@ objects = "drive"
 DAMPING = '[[parameters]]\nname = "damping"\nkind = "damping"\nobjects = "swing"\n'
 
 
-def fitted(folder: Path, tune: str) -> tuple[OutputErrorMethod, Readings, np.ndarray]:
+def fitted(
+    folder: Path, tune: str, scene: str = SCENE
+) -> tuple[OutputErrorMethod, Readings, np.ndarray]:
     """A method, readings of the nominal world, and its unit coordinates."""
-    (folder / "scene.xml").write_text(SCENE)
+    (folder / "scene.xml").write_text(scene)
     (folder / "tune.toml").write_text(tune)
     task = load_task(str(folder / "tune.toml"))
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=False)
@@ -56,9 +58,9 @@ def fitted(folder: Path, tune: str) -> tuple[OutputErrorMethod, Readings, np.nda
     return OutputErrorMethod(loop, np.zeros(1, bool), unit), readings, unit
 
 
-def std_of(folder: Path, tune: str) -> np.ndarray:
+def std_of(folder: Path, tune: str, scene: str = SCENE) -> np.ndarray:
     """(P,) what a fit from the truth claims, in unit coordinates."""
-    method, readings, unit = fitted(folder, tune)
+    method, readings, unit = fitted(folder, tune, scene)
     stage = ReplayStage(4, segments=method.follow(readings, Guess(unit, np.zeros(1))))
     ended = method.descend(readings, Guess(unit, np.zeros(1)), stage, Budget())
     return np.sqrt(np.diag(method.judge(ended, Budget()).covariance))
@@ -69,6 +71,16 @@ def test_a_factor_on_all_masses_and_forces_is_not_told(tmp_path: Path):
     free = std_of(tmp_path, TUNE + DAMPING)
     np.testing.assert_allclose(free, 0.3 / np.sqrt(3), rtol=0.05)
     assert std_of(tmp_path, TUNE).max() < 0.01
+
+
+def test_parameters_without_any_effect_take_no_direction_from_others(tmp_path: Path):
+    unseen = "".join(
+        f'[[parameters]]\nname = "{i}"\nkind = "friction"\nobjects = "{i}"\n' for i in "abc"
+    )
+    untouched = "".join(f'<geom name="{n}" size=".01" pos="9 0 {i}"/>' for i, n in enumerate("abc"))
+    scene = SCENE.replace("<worldbody>", f"<worldbody>{untouched}")
+    free = std_of(tmp_path, TUNE + DAMPING + unseen, scene)
+    np.testing.assert_allclose(free[:3], 0.3 / np.sqrt(3), rtol=0.05)
 
 
 def test_slopes_are_those_of_weak_directions_and_else_as_they_were(tmp_path: Path):

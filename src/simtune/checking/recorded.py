@@ -71,7 +71,8 @@ def of_recordings(
     if seen.cameras and not far:
         report("comparing pictures", 0.0)
         as_read = AsRead(simulator, seen, read.trajectories[: len(frames)]) if read else None
-        facts["films"], more = look_at(films, task, simulator, actions, config, as_read)
+        by_name = dict(zip(dataset.episodes, recorded, strict=True))
+        facts["films"], more = look_at(films, task, simulator, actions, config, as_read, by_name)
         facts["warnings"] += more
         if values is not None:
             facts["warnings"] += far_starts(simulator, sensors, values, config.seed)

@@ -154,7 +154,7 @@ class ReplayFit:
             offsets=lined_up.offsets,
             known=known,
             responses=pictures.responses,
-            is_camera_unusual=bool(known.size) and self._photometry.are_unusual(pictures.responses),
+            unusual_camera=self._photometry.unusual(pictures.responses) if known.size else None,
             held_out=split.held_out,
             late_s=setup.physics.simulator.step_s * np.array([best.late_steps, best.late_std]),
             is_too_late=is_too_late(best.late_steps),

@@ -51,7 +51,7 @@ class FitResult:
     late_s: np.ndarray = field(default_factory=lambda: np.zeros(2))
     is_too_late: bool = False  # whether that is the most that is fitted, and hides the rest
     beside: tuple[Beside, ...] = ()  # of each camera
-    is_camera_unusual: bool = False  # what known colours make of a response is no camera's
+    unusual_camera: CameraResponse | None = None  # what known colours make of one
     # (K,) indices of held parameters, which stay where the fit began
     held: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 

@@ -183,8 +183,11 @@ class RunData:
 
     @cached_property
     def known(self) -> frozenset[str]:
-        """Parameters of known colours, which are not searched; none if the task is not there."""
-        task = self._task if self.colours else None
+        """Parameters of known colours, which a posterior search leaves as they are.
+
+        None if the task is not there.
+        """
+        task = self._task if self.colours and self.search == "posterior" else None
         if not isinstance(task, Task):
             return frozenset()
         with suppress(InputError):

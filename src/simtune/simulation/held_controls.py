@@ -22,16 +22,17 @@ class HeldControls:
     """
 
     def __init__(self, model: mujoco.MjModel, motors_ran: bool = False):
-        """`motors_ran`: motors' filters have settled on the first control, too."""
+        """`motors_ran`: motors with filters have long been at their first control, too."""
         is_servo = position_servos(model) & (model.actuator_ctrlnum == 1)
         is_filter = np.isin(model.actuator_dyntype, _FILTERS) & (model.actuator_actnum == 1)
         is_filter &= model.actuator_ctrlnum == 1
         self.motors_lag = bool((is_filter & ~is_servo).any())
-        filtered = is_filter if motors_ran else is_filter & is_servo
+        settled = is_servo | (is_filter if motors_ran else False)
+        filtered = is_filter & settled
         self._acts = model.actuator_actadr[filtered]
         self._act_controls = model.actuator_ctrladr[filtered]
         places, controls = [], []
-        for actuator in np.flatnonzero(is_servo & (model.actuator_historyadr >= 0)):
+        for actuator in np.flatnonzero(settled & (model.actuator_historyadr >= 0)):
             # Layout per actuator: two numbers of bookkeeping, the samples' times, then their values
             num, at = int(model.actuator_history[actuator, 0]), model.actuator_historyadr[actuator]
             places += range(at + 2 + num, at + 2 + 2 * num)

@@ -63,7 +63,7 @@ def conclude(
     is_sound = has_comparison(refits) and not is_wrong
     doubtful = np.array([not is_sound or name in at_ends for name in space.names])
     elsewhere = refits.is_elsewhere(fit.misfit)
-    doubtful[space.is_appearance] |= elsewhere | fit.is_camera_unusual
+    doubtful[space.is_appearance] |= elsewhere | (fit.unusual_camera is not None)
     doubtful[~space.is_appearance] |= elsewhere.any()
     visible = [space.names[i] for i in np.flatnonzero(space.is_appearance)]
     estimate = replace(

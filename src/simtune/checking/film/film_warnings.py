@@ -2,6 +2,7 @@
 
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import Comparison
+from simtune.checking.film.explanations import AtOdds
 from simtune.checking.film.turned import Turned
 
 _ALIKE = 0.6  # least similarity, relative to that among the simulator's worlds
@@ -23,16 +24,19 @@ def warnings(
     comparison: Comparison,
     exchanged_with: str | None = None,
     turned: Turned | None = None,
+    at_odds: AtOdds | None = None,
 ) -> list[str]:
     """A sentence if the film cannot show the simulator's scene as its camera sees it.
 
     `exchanged_with`: the camera whose film this one seems to have instead. `turned`: how it is
-    turned, beside readings.
+    turned, beside readings. `at_odds`: what explains it beside actions.
     """
     if exchanged_with is not None:
         return [_EXCHANGED.format(exchanged_with)]
     if turned is not None:
         return [_against_readings(turned)]
+    if at_odds is not None:
+        return [_against_actions(at_odds)]
     if comparison.simulated_moving_share < _STILL * comparison.moving_share > _STILL * _SOME:
         return [_STUCK]
     if comparison.moving_share < _STILL * comparison.simulated_moving_share:
@@ -66,6 +70,27 @@ def _against_readings(turned: Turned) -> str:
     return f"the film is {turned.says}, against what readings say: {mend}"
 
 
+def _against_actions(odds: AtOdds) -> str:
+    if odds.actions_of:
+        pairs = [f"in {its} it follows {other}'s" for its, other in odds.actions_of.items()]
+        return (
+            "what moves does not follow its own episode's actions: "
+            f"{', '.join(pairs)}; are files exchanged?"
+        )
+    signs = " or of ".join(odds.reversed)
+    if not odds.framings:
+        return (
+            f"what moves in the film moves as if the sign of {signs} were reversed: reverse it "
+            '(mapping = "scaled" with a negative gain in [actions]), or the joint\'s axis'
+        )
+    looks = " or ".join(dict.fromkeys(framing.says for framing in odds.framings))
+    or_signs = f", or the sign of {signs} is reversed" * bool(signs)
+    return (
+        f"the film looks {looks} beside simulated worlds that play its actions{or_signs}; as it "
+        "is, what moves does not move when the simulator's does"
+    )
+
+
 def all_clear(film: CameraFilm, comparison: Comparison) -> str:
     """What no warning means: only what was compared can have differed."""
     if not film.is_plate:
@@ -74,6 +99,7 @@ def all_clear(film: CameraFilm, comparison: Comparison) -> str:
     if covering := [f"{n} paints ({share:.0%})" for n, share in film.painted.items() if share]:
         own += f" but for what {' and '.join(covering)}"
     return (
-        f"{own}, so it tells nothing: only what moves was compared, and is {comparison.alike:.2f} "
-        "times as like the simulator's as its own worlds' is"
+        f"{own}, so it tells nothing: only what moves was compared, not its colours. Its likeness: "
+        f"{comparison.alike:.2f} (1: as between simulated worlds of other parameters; the less, "
+        "the less like)"
     )

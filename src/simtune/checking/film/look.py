@@ -1,5 +1,6 @@
 """Looks at what each camera filmed, beside the simulator's pictures."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -8,9 +9,11 @@ import numpy as np
 from simtune.cameras.pictures import resize
 from simtune.cameras.views import View
 from simtune.checking.film.as_read import AsRead
+from simtune.checking.film.at_odds import at_odds
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import compare
 from simtune.checking.film.exchanged import exchanged
+from simtune.checking.film.explanations import AtOdds
 from simtune.checking.film.film_warnings import warnings
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.painted import hidden_background, painted_over
@@ -44,34 +47,37 @@ def look_at(
     actions: np.ndarray,
     config: CheckConfig,
     as_read: AsRead | None = None,
+    recorded: Mapping[str, np.ndarray] | None = None,
 ) -> tuple[dict[str, Any], list[str]]:
     """Facts of each camera's film, by name, and warnings; saves pictures.
 
-    `as_read`: the films' episodes as joint readings have them.
+    `as_read`: the films' episodes as joint readings have them. `recorded`: whole (T, A) actions of
+    episodes by name, the films' first; without them, films are not compared moment by moment.
     """
     libraries = make_libraries(simulator, actions[: len(films[0].frames)], config.seed)
     if not libraries:
         return {}, ["the film was not looked at: nearly all of the simulator's worlds diverge"]
     instead = _exchanged(films, libraries, simulator)
     turns = _turned(films, simulator, as_read)
+    odds = _at_odds(films, simulator, recorded, config.seed, {*instead, *turns})
     facts, found = {}, []
     for i, (film, library) in enumerate(zip(films, libraries, strict=True)):
         comparison, other = compare(film.frames, library), instead.get(film.name)
-        turn = turns.get(film.name)
+        turn, odd = turns.get(film.name), odds.get(film.name)
         states = library.states.reshape(-1, library.states.shape[-1])
         film = film._replace(painted=painted_over(simulator, states, i))
-        warned = warnings(film, comparison, other, turn)
+        warned = warnings(film, comparison, other, turn, odd)
         hidden = hidden_background(film.painted) if film.is_plate else []
         which = f"-{film.name.replace('/', '_')}" if len(films) > 1 else ""
         path = named(config.pictures, which) or new_file(which)
         draw_film(path, task, film, library, comparison, warned + hidden)
-        against = turn and turn.says
-        said = {"exchanged_with": other, "against_readings": against, "pictures": str(path)}
+        said = {"exchanged_with": other, "against_readings": turn and turn.says}
+        said |= {"against_actions": odd and odd.facts(), "pictures": str(path)}
         facts[film.name] = comparison.facts() | said
         view = film.view
         if (
             warned
-            and not turn
+            and not (turn or odd)
             and not view.background_is_unknown
             and camera_moves(simulator.model, view.camera)
         ):
@@ -100,6 +106,22 @@ def _turned(
     if as_read is None or not as_read.joints or not still:
         return {}
     return {films[i].name: turn for i, turn in turned(still, as_read).items()}
+
+
+def _at_odds(
+    films: list[CameraFilm],
+    simulator: Simulator,
+    recorded: Mapping[str, np.ndarray] | None,
+    seed: int,
+    but: set[str],
+) -> dict[str, AtOdds]:
+    """{still camera: what explains its film beside its actions}, `but` those explained already."""
+    its = {i: films[i].frames for i in _still(films, simulator) if films[i].name not in but}
+    if not recorded or not its:
+        return {}
+    names = [*recorded][: len(films[0].frames)]
+    actions = {name: recorded[name] for name in names}
+    return {films[i].name: odd for i, odd in at_odds(its, simulator, actions, seed).items()}
 
 
 def _still(films: list[CameraFilm], simulator: Simulator) -> list[int]:

@@ -2,8 +2,7 @@
 
 A pusher on a table, or a cart on a rail, looks much the same upside down. Readings say where it is
 at each moment, so what moves in a film is compared with what moves where it is drawn at that
-moment, less how alike they are at other moments: symmetric scenes and other things that move tell
-nothing by this.
+moment, less how alike they are at other moments.
 """
 
 from collections.abc import Mapping
@@ -12,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.checking.film.as_read import AsRead
-from simtune.checking.film.features import describe
 from simtune.checking.film.framing import TURNS, Framing
 from simtune.checking.film.library import brought_to_size
+from simtune.checking.film.moments import agreement, moving
 
 _LATE_STEPS = range(-2, 4)  # by which pictures may be late beside readings: any is right
 _LEAST = 0.1  # cosine at its own moment, less that at others: here nothing agrees by chance
@@ -47,7 +46,7 @@ def turned(films: Mapping[int, np.ndarray], as_read: AsRead) -> dict[int, Turned
     views = [as_read.draw(num, late) for late in _LATE_STEPS]
     found = dict[int, Turned]()
     for view, film in films.items():
-        drawn = [_moving(its[view]) for its in views]
+        drawn = [moving(its[view]) for its in views]
         if turn := _turned(film, view, drawn, as_read):
             found[view] = turn
     return found
@@ -56,9 +55,9 @@ def turned(films: Mapping[int, np.ndarray], as_read: AsRead) -> dict[int, Turned
 def _turned(film: np.ndarray, view: int, drawn: list[np.ndarray], as_read: AsRead) -> Turned | None:
     """`drawn`: what moves in a view, for each lateness."""
     small = np.stack([brought_to_size(episode) for episode in film])
-    shown = _moving(small)
+    shown = moving(small)
     own, _ = _best(shown, drawn)
-    alike = [_best(_moving(framing.undo(small)[0]), drawn) for framing in TURNS]
+    alike = [_best(moving(framing.undo(small)[0]), drawn) for framing in TURNS]
     best = int(np.argmax([its.mean() for its, _ in alike]))
     its, late = alike[best]
     if its.mean() < max(_LEAST, _BETTER * own.mean()) or (its <= own).any():
@@ -108,25 +107,11 @@ class _OtherReadings:
     def _alike(self, changed: dict[int, tuple[float, float]]) -> float:
         num = self.shown.shape[1]
         drawn = self.as_read.draw(num, self.late_steps, changed)[self.view]
-        return float(_agreement(self.shown, _moving(drawn)).mean())
+        return float(agreement(self.shown, moving(drawn)).mean())
 
 
 def _best(shown: np.ndarray, drawn: list[np.ndarray]) -> tuple[np.ndarray, int]:
     """(E,) agreement at the delay at which it is largest, and that delay's index."""
-    found = [_agreement(shown, late) for late in drawn]
+    found = [agreement(shown, late) for late in drawn]
     best = int(np.argmax([its.mean() for its in found]))
     return found[best], best
-
-
-def _agreement(shown: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    """(E,) of (E, K, D) and (E, K, D): mean cosine at the same moments, less at others."""
-    alike = np.einsum("ekd,eld->ekl", shown, drawn)
-    same = np.einsum("ekk->e", alike)
-    num = shown.shape[1]
-    return same / num - (alike.sum((1, 2)) - same) / (num * (num - 1))
-
-
-def _moving(episodes: np.ndarray) -> np.ndarray:
-    """(E, K, D) unit vectors, or 0: what moves in (E, K, SIZE, SIZE, 3)."""
-    moving = describe(episodes).moving.reshape(*episodes.shape[:2], -1)
-    return moving / np.maximum(np.linalg.norm(moving, axis=-1, keepdims=True), 1e-6)

@@ -40,9 +40,10 @@ _NO_CAMERA = (
 
 _FAR_BESIDE = 2.5  # standard deviations; a camera that is right has 1, one 2 px off had 4
 _BESIDE = (
-    "What moves is seen beside where it is simulated, in all pictures alike ({:.1f} px {}, {:.1f} "
-    "px {}). So does a camera that stands, looks or zooms otherwise than the model's, or a part of "
-    "another shape. Estimates allow for it, but are surer without: declare a camera_pose."
+    "What moves is seen {:.1f} px beside where it is simulated, in all pictures alike (in the mean "
+    "{:.1f} px {} and {:.1f} px {}). So does a camera that stands, looks or zooms otherwise than "
+    "the model's, or a part of another shape. Estimates allow for it, but are surer without: "
+    "declare what may be wrong (kinds camera_pose, field_of_view, size)."
 )
 
 
@@ -72,15 +73,13 @@ def _beside(fit: FitResult) -> list[str]:
     most = max(far, key=lambda its: its.stds)
     across = abs(most.right), "right" if most.right > 0 else "left"
     along = abs(most.down), "down" if most.down > 0 else "up"
-    return [_BESIDE.format(*across, *along)]
+    return [_BESIDE.format(most.px, *across, *along)]
 
 
 def _of_camera(fit: FitResult) -> list[str]:
     """One if known colours make a response that is no camera's."""
-    if not fit.is_camera_unusual:
-        return []
-    most = max(fit.responses, key=lambda response: np.abs(response.unknown[-2:]).max())
-    return [_NO_CAMERA.format(most.gamma, 255 * most.offset)]
+    its = fit.unusual_camera
+    return [_NO_CAMERA.format(its.gamma, 255 * its.offset)] if its else []
 
 
 def _of_motion(fit: FitResult, refits: Refits) -> list[str]:

@@ -18,6 +18,7 @@ class Beside(NamedTuple):
 
     camera: str  # the name of its evidence
     stds: float  # root mean square of the common errors, in those that known worlds have
+    px: float  # root mean square of their lengths
     right: float  # their mean, in pixels
     down: float
 
@@ -45,4 +46,5 @@ def _beside(camera: str, std: np.ndarray, found: np.ndarray) -> Beside:
     stds = np.sqrt(np.square(found[known] / std[known]).mean())
     weight = np.where(known, 1 / np.square(np.maximum(std, 1e-9)), 0.0).reshape(-1, 2)
     right, down = (weight * found.reshape(-1, 2)).sum(0) / np.maximum(weight.sum(0), 1e-9)
-    return Beside(camera, float(stds), float(right), float(down))
+    px = np.sqrt(np.square(found.reshape(-1, 2)).sum(1).mean())
+    return Beside(camera, float(stds), float(px), float(right), float(down))

@@ -90,10 +90,10 @@ class Photometry(NamedTuple):
         """(N,) bool."""
         return np.isfinite(self.known)
 
-    def are_unusual(self, responses: Sequence[CameraResponse]) -> bool:
-        """Whether any of these is no usual camera's."""
+    def unusual(self, responses: Sequence[CameraResponse]) -> CameraResponse | None:
+        """The first of these that is no usual camera's."""
         usual = self.camera_noise
-        return usual is not None and any(not its.is_usual(usual) for its in responses)
+        return next((its for its in responses if usual and not its.is_usual(usual)), None)
 
 
 class ResponseStep(NamedTuple):

@@ -103,7 +103,7 @@ class OutputErrorMethod:
 
     def num_worlds(self, touches: bool) -> int:
         """How many are played for all derivatives of a descent, if anything touches in it."""
-        num = len(self._loop.fitted)
+        num = len(self._loop.fitted)  # in a descent; its end takes MOST_WORLDS more
         return 1 + num * (1 + touches) + len(self._loop.measured.start_tangents)
 
     def _iterate(

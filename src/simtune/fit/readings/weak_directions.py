@@ -12,7 +12,9 @@ from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.slopes import StretchSlopes, agreed
 
 _WEAK = 1e-2  # information, relative to what the single parameters have
+_SHOWN = 1.0  # information in unit coordinates: what has less, no reading shows
 _MOST = 3  # directions
+MOST_WORLDS = 3 * _MOST  # that are played for all of them
 
 
 def sharpened(
@@ -31,13 +33,15 @@ def sharpened(
     num = len(loop.fitted)
     own, mixed, others = information[:num, :num], information[:num, num:], information[num:, num:]
     own = own - mixed @ np.linalg.pinv(others) @ mixed.T
-    scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
+    shown = np.flatnonzero(np.diag(own) > _SHOWN)
+    scale = np.sqrt(np.diag(own)[shown])
+    values, vectors = np.linalg.eigh(own[np.ix_(shown, shown)] / np.outer(scale, scale))
     by_parameter = slopes.by_parameter.copy()
     for v in vectors.T[values < _WEAK][:_MOST]:
-        c = v / scale
+        c, back = np.zeros(num), np.zeros(num)
+        c[shown], back[shown] = v / scale, v * scale
         left = _along(loop, at, c) - np.einsum("p,wpkd->wkd", c, by_parameter)
-        by_parameter += np.einsum("wkd,p->wpkd", left, scale * v)
+        by_parameter += np.einsum("wkd,p->wpkd", left, back)
     return slopes._replace(by_parameter=by_parameter)
 
 

@@ -32,6 +32,7 @@ from simtune.fit import (
     Readings,
     recorded_loop,
 )
+from simtune.fit.readings.weak_directions import MOST_WORLDS
 from simtune.observation import finds_offset, joints_of
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
@@ -112,7 +113,7 @@ class ReadingsSearch(Search):
             loop.play(stretches, stretches.states[None], unit[None])
         once_s, steps = time.monotonic() - began_s, sum(map(len, real))
         self._derived_s = method.num_worlds(touches) * once_s
-        self._judged_s = method.num_worlds(True) * once_s
+        self._judged_s = (method.num_worlds(True) + MOST_WORLDS) * once_s
         horizons, step_s = self.config.horizons, self._simulator.step_s
         grown = sum(h.share(steps, step_s) for h in horizons.growing)
         least_s = (grown + 2) * self._derived_s

@@ -10,7 +10,14 @@ from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings, R
 from simtune.fit.lateness import is_too_late
 from simtune.fit.readings.segments import Segments
 from simtune.observation import declared_noise
-from simtune.tuning.readings.agreement import BestDescent, agree, best_of, two_agree, unexplained
+from simtune.tuning.readings.agreement import (
+    CLEARLY_BETTER,
+    BestDescent,
+    agree,
+    best_of,
+    two_agree,
+    unexplained,
+)
 from simtune.tuning.readings.descents import sooner
 from simtune.tuning.readings.horizons import Horizons, Latency
 
@@ -85,7 +92,10 @@ class WholeFits:
             return None
         guess = sooner(self.method, whole.descent.guess, more)
         further = self._first_whole(self.readings.delayed(steps), guess, budget)
-        is_better = further.descent.log_rms < whole.descent.log_rms
+        its, were = further.stage.segments, whole.stage.segments
+        are_alike = its is not None and were is not None and its.are(were)
+        gain = whole.descent.log_rms - further.descent.log_rms
+        is_better = gain > (0 if are_alike else CLEARLY_BETTER)
         return (further, latency._replace(steps=steps)) if is_better else None
 
     def _first_whole(self, readings: Readings, guess: Guess, budget: Budget) -> _Whole:
