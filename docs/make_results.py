@@ -34,6 +34,7 @@ ORDER = (  # on the page; other claims follow
     "servos",
     "arms",
     "balancing",
+    "flying",
     "motions",
     "aloha",
     "two_cameras",

@@ -32,7 +32,8 @@ _FEWER = 20  # pieces, where contacts take time
 _BEFORE_S = 0.2  # from which what no sensor measures goes along
 # By which actions may be late: half a period more of what a controller shakes looks reversed
 _LATE_S = (0.0, 0.02, 0.04, 0.06, 0.08)
-_SIZES = (1 / 3, 1 / 2, 2.0, 3.0)  # of what actions do, in those of the model's first values
+_SIZES = (1 / 3, 1 / 2, 1.0, 2.0, 3.0)  # of what actions do, in those of the model's first values
+_NEARER = (1.3, 1.14, 1.07, 1.03)  # factors from the best of these to one nearer
 _MOST_MISTAKES, _MOST_S = 3, 20.0  # seconds for each
 _LYING = np.pi / 2
 _LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
@@ -125,9 +126,18 @@ class _Replays(NamedTuple):
         return least, best, [*dict.fromkeys([best.says, *as_good])]
 
     def left_by_other_sizes(self, readings: Readings) -> float:
-        """What is `left` at the best of a few sizes of what actions do: nobody has read them."""
-        scaled = (Readings(size * readings.actions, readings.values) for size in _SIZES)
-        return min(self.left(its) for its in scaled)
+        """What is `left` at the best size of what actions do, which nobody has read.
+
+        What hovers falls or rises unless that is right to a few percent.
+        """
+
+        def at(size: float) -> tuple[float, float]:
+            return self.left(Readings(size * readings.actions, readings.values)), size
+
+        best = min(map(at, _SIZES))
+        for nearer in _NEARER:
+            best = min(best, at(best[1] * nearer), at(best[1] / nearer))
+        return best[0]
 
     def left(self, readings: Readings) -> float:
         """Squared deviations of short replays, in those of uniform motion; at the best of a few
