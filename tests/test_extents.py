@@ -56,6 +56,22 @@ def test_extents_are_across_what_moves(folder, load, size):
     assert found == pytest.approx({"plate": size / 16, "turned": size / 32}, rel=0.02)
 
 
+def test_what_leaves_the_picture_is_as_large_as_it_was_in_it(folder, load):
+    (folder / "scene.xml").write_text(SCENE)
+    simulator = load(TUNING).simulator(image_size=64, views=[View("front")])
+    worlds, rng = np.tile(simulator.space.nominal, (1, 1)), np.random.default_rng(0)
+    states = simulator.roll_out(worlds, np.zeros((1, 11, 1)), rng).states
+    space = simulator.state_space
+    moved = space.positions_and_velocities(states).copy()
+    for first, size in ((3, 4.0), (1, 0.0)):  # in sight in a quarter of them, and in hardly any
+        moved[:, first:, 0] = 50.0
+        states = space.with_positions_and_velocities(states, moved)
+        found = extents_px(simulator, states, simulator.views)
+        assert found["plate"] == pytest.approx(size, rel=0.02)
+    (said,) = small({"ball": 0.0}, 64, {})
+    assert "nothing that moves is in sight" in said
+
+
 def test_where_all_is_small_something_is_said():
     assert small({}, 64, {}) == []
     assert small({"arm": 9.0, "finger": 1.0}, 64, {}) == []

@@ -14,6 +14,7 @@ from simtune.tuning.estimate import Estimate, unsure
 from simtune.tuning.joint import Joint
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.survival_curves import candidate_grid, quantile
+from simtune.tuning.truncated_normal import draw_beside, draw_in_box
 
 SPACE = ParameterSpace(
     [
@@ -245,3 +246,41 @@ def test_a_delay_of_zero_is_drawn_from_a_part_of_its_range():
     delay = replace(SPACE.parameters[0], low=0.0, high=0.2, nominal=0.0, scale="linear")
     around = Distribution.proportional(ParameterSpace([delay]), np.zeros(1), 0.5)
     assert (around.low[0], around.high[0]) == (0, pytest.approx(0.01))
+
+
+def test_what_only_a_ratio_tells_keeps_the_ratio_that_the_fit_found():
+    """Both may be anywhere, but together: not in the ratio of the middles of their bounds."""
+    mean, std = [0.2, 0.5, 0.5, 0.5], [2.0, 2.0, 0.05, 0.05]
+    joint, estimate, _ = joint_of(mean, std, _pair(0.9999))
+    assert estimate.verdict[:2] == ["not identifiable"] * 2
+    draws = joint.draw(20_000, np.random.default_rng(6))
+    np.testing.assert_array_equal(draws, SPACE.clip(draws))
+    mass, damping = draws[:, :2].T
+    found = FIRST.from_range_unit(np.array(mean))
+    spread = np.log(FIRST.high[0] / FIRST.low[0]) * 2.0 * np.sqrt(2 * (1 - 0.9999))
+    ratio = np.log(mass / damping)
+    assert np.median(ratio) == pytest.approx(np.log(found[0] / found[1]), abs=0.3 * spread)
+    assert np.std(ratio) == pytest.approx(spread, rel=0.05)
+    assert np.log(damping.max() / damping.min()) > 0.95 * np.log(10 / 0.1)  # all of its bounds
+
+
+def test_draws_in_a_box_are_those_that_rejection_leaves():
+    rng, mean = np.random.default_rng(7), np.array([0.2, 0.9, 0.5])
+    root = np.array([[0.5, 0, 0], [0.4, 0.2, 0], [-0.1, 0.1, 0.3]])
+    drawn = draw_in_box(mean, root @ root.T, 40_000, rng)
+    tried = mean + rng.normal(size=(400_000, 3)) @ root.T
+    kept = tried[((tried >= 0) & (tried <= 1)).all(1)]
+    np.testing.assert_allclose(drawn.mean(0), kept.mean(0), atol=0.01)
+    np.testing.assert_allclose(np.cov(drawn.T), np.cov(kept.T), atol=0.003)
+
+
+def test_the_others_go_along_with_what_lies_in_the_box():
+    rng, is_known = np.random.default_rng(8), np.array([False, True, False])
+    correlation = np.array([[1, 0.8, 0.3], [0.8, 1, 0], [0.3, 0, 1]])
+    known = rng.uniform(1, 2, (40_000, 1))  # far from a normal one
+    drawn = draw_beside(known, is_known, correlation, rng)
+    np.testing.assert_array_equal(drawn[:, 1:2], known)
+    left = drawn[:, 0] - 0.8 * known[:, 0]
+    assert left.mean() == pytest.approx(0, abs=0.01)
+    assert left.std() == pytest.approx(0.6, rel=0.02)
+    assert np.cov(left, drawn[:, 2])[0, 1] == pytest.approx(0.3, abs=0.01)

@@ -17,6 +17,11 @@ from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
 _STEPS, _EPISODES = 12, 4  # used at most
 FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
 OUT_OF_SIGHT_PX, _FEWEST_PX = 0.05, 0.1
+_FEW_IN_SIGHT = 0.1  # of the states
+_NOTHING = (
+    "nothing that moves is in sight, in most of these worlds: correct the camera's pose, or cut "
+    "recordings where it has left the picture"
+)
 _MULTIPLE_PX = 8  # of a proposed height
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
 _OWNERS = {"geom": "geom_bodyid", "jnt": "jnt_bodyid", "dof": "jnt_bodyid", "site": "site_bodyid"}
@@ -25,15 +30,22 @@ _OWNERS = {"geom": "geom_bodyid", "jnt": "jnt_bodyid", "dof": "jnt_bodyid", "sit
 def extents_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) -> dict[str, float]:
     """{body: pixels} across the narrow side of what moves, in the view that shows it largest.
 
-    Median over some of the (E, T + 1, S) states of nominal worlds.
+    Median over those of some of the (E, T + 1, S) states of nominal worlds in which it is in sight;
+    0 if these are few.
     """
     at = np.linspace(0, states.shape[1] - 1, min(_STEPS, states.shape[1])).astype(int)
     some = states[:_EPISODES, at].reshape(-1, states.shape[2])
     found: dict[str, float] = {}
     for (body, _), pixels in corners_px(simulator, some, views).items():
         name = part_name(simulator.model, body)
-        found[name] = max(found.get(name, 0.0), float(np.median(across(pixels))))
+        found[name] = max(found.get(name, 0.0), _median_in_sight(across(pixels)))
     return found
+
+
+def _median_in_sight(sizes: np.ndarray) -> float:
+    """Of (n,) pixels: a ball that has rolled out of the picture was no smaller in it."""
+    in_sight = sizes > OUT_OF_SIGHT_PX
+    return float(np.median(sizes[in_sight])) if in_sight.mean() > _FEW_IN_SIGHT else 0.0
 
 
 def corners_px(
@@ -68,6 +80,8 @@ def small(
     if not extents:
         return []
     largest = max(extents, key=lambda its: extents[its])
+    if extents[largest] <= OUT_OF_SIGHT_PX:
+        return [_NOTHING]
     if extents[largest] < FEW_PX:
         its = f"what moves is small: the largest, {largest}, is"
         return [_few_pixels(its, extents[largest], image_size)]

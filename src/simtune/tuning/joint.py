@@ -9,7 +9,9 @@ So each ξ_i has the distribution of its curve for any R, and the rank correlati
 6/π · asin(R_ij / 2). A parameter's coordinate grows with its value on either scale, so signs stay.
 
 Curves are interpolated along each parameter's own scale. Probability beyond a curve's ends is
-spread up to the bound; if much is beyond both ends, the parameter is uniform within its bounds. A
+spread up to the bound. If some is beyond both ends, the curve is taken for a normal one, ξ_i = m_i +
+s_i z_i, and draws beyond a bound are none: two masses of which only the ratio is known may be
+anywhere within their bounds, but together. If a curve is flat, the parameter is uniform. A
 search without curves (`--search paper`, a fixed range) only has its range: parameters are then
 independent and uniform within it, as its worlds are drawn.
 """
@@ -17,14 +19,17 @@ independent and uniform within it, as its worlds are drawn.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.truncated_normal import draw_beside, draw_in_box
 
 NUM_DRAWS = 4000  # kept by a run: ends of 90 % intervals to a thirtieth of a standard deviation
-_TELLS_NOTHING = 0.25  # probability beyond both ends, from which a curve is ignored
+_BEYOND = 0.05  # probability beyond each end, from which a curve is taken for a normal one
+_FLAT = 100.0  # standard deviations, of such a one, from which it tells nothing
+_SURELY = 1e-3  # probability that nothing is concluded from
 _POINTS = 65  # of a uniform distribution, which may be curved on another scale
 
 
@@ -36,12 +41,23 @@ class Joint:
     # for each: (C,) cumulative probability, rising from 0 to 1, and (C,) coordinates
     marginals: tuple[tuple[np.ndarray, np.ndarray], ...]
     correlation: np.ndarray  # (N, N)
+    # (2, N) mean and standard deviation of those that are normal within their bounds, else NaN
+    normal: np.ndarray
 
     @classmethod
     def of(cls, estimate: Estimate, space: ParameterSpace) -> "Joint":
-        marginals = tuple(_marginal(estimate, space, i) for i in range(len(space)))
-        known = estimate.correlation
-        return cls(space, marginals, np.eye(len(space)) if known is None else known)
+        marginals = [_marginal(estimate, space, i) for i in range(len(space))]
+        normal, known = np.full((2, len(space)), np.nan), estimate.correlation
+        for i, (below, unit) in enumerate(marginals):
+            if min(below[1], 1 - below[-2]) <= _BEYOND:
+                continue
+            mean, std = normal[:, i] = _normal(below[1:-1], unit[1:-1])
+            unit = np.linspace(0, 1, _POINTS)
+            below = ndtr((unit - mean) / std) if np.isfinite(std) else unit
+            marginals[i] = (below - below[0]) / (below[-1] - below[0]), unit
+        normal[:, ~np.isfinite(normal[1])] = np.nan
+        correlation = np.eye(len(space)) if known is None else known
+        return cls(space, tuple(marginals), correlation, normal)
 
     def quantile(self, share: np.ndarray) -> np.ndarray:
         """(..., N) coordinates below which each parameter is with probability `share` (..., N)."""
@@ -50,11 +66,14 @@ class Joint:
 
     def draw(self, num: int, rng: np.random.Generator) -> np.ndarray:
         """(num, N) parameters within their bounds."""
-        values, vectors = np.linalg.eigh(self.correlation)
-        # Rounding may make the smallest eigenvalues of a singular matrix negative.
-        root = vectors * np.sqrt(values.clip(0))
-        normal = rng.normal(size=(num, len(self.space))) @ root.T
-        return self.space.from_unit(self.quantile(ndtr(normal)))
+        is_normal = np.isfinite(self.normal[0])
+        mean, std = self.normal[:, is_normal]
+        among = self.correlation[np.ix_(is_normal, is_normal)] * np.outer(std, std)
+        in_box = draw_in_box(mean, among, num, rng)
+        drawn = draw_beside((in_box - mean) / std, is_normal, self.correlation, rng)
+        unit = self.quantile(ndtr(drawn))
+        unit[:, is_normal] = in_box
+        return self.space.from_unit(unit)
 
     def mean_and_covariance(self) -> tuple[np.ndarray, np.ndarray]:
         """(N,) medians, (N, N) covariance: of normal errors with the same central 90 %.
@@ -73,10 +92,19 @@ def _marginal(estimate: Estimate, space: ParameterSpace, i: int) -> tuple[np.nda
         return np.linspace(0, 1, _POINTS), _to_unit(space, i, values)
     candidates, prob_higher = estimate.curves[space.names[i]]
     below = 1 - np.minimum.accumulate(prob_higher)
-    if min(below[0], 1 - below[-1]) > _TELLS_NOTHING:
-        return np.array([0.0, 1.0]), np.array([0.0, 1.0])
     unit = np.clip(_to_unit(space, i, candidates), 0, 1)
     return np.concatenate([[0], below, [1]]), np.concatenate([[0], unit, [1]])
+
+
+def _normal(below: np.ndarray, unit: np.ndarray) -> tuple[float, float]:
+    """Mean, within the bounds, and standard deviation of a normal curve; infinite if it is flat."""
+    known = (below > _SURELY) & (below < 1 - _SURELY)
+    if known.sum() < 2 or np.ptp(unit[known]) <= 0:
+        return 0.5, np.inf
+    slope, at_0 = np.polyfit(unit[known], ndtri(below[known]), 1)
+    if slope <= 1 / _FLAT:
+        return 0.5, np.inf
+    return float(np.clip(-at_0 / slope, 0, 1)), float(1 / slope)
 
 
 def _to_unit(space: ParameterSpace, i: int, values: np.ndarray) -> np.ndarray:
