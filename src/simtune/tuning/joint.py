@@ -9,11 +9,11 @@ So each ξ_i has the distribution of its curve for any R, and the rank correlati
 6/π · asin(R_ij / 2). A parameter's coordinate grows with its value on either scale, so signs stay.
 
 Curves are interpolated along each parameter's own scale. Probability beyond a curve's ends is
-spread up to the bound. If some is beyond both ends, the curve is taken for a normal one, ξ_i = m_i +
-s_i z_i, and draws beyond a bound are none: two masses of which only the ratio is known may be
-anywhere within their bounds, but together. If a curve is flat, the parameter is uniform. A
-search without curves (`--search paper`, a fixed range) only has its range: parameters are then
-independent and uniform within it, as its worlds are drawn.
+spread up to the bound. If some is beyond both ends, the curve is taken for a normal one,
+ξ_i = m_i + s_i z_i, within the bounds: two masses of which only the ratio is known may be anywhere
+in theirs, but together. If it is flat, the parameter is uniform. A search without curves
+(`--search paper`, a fixed range) only has its range: parameters are then independent and uniform
+within it, as its worlds are drawn.
 """
 
 from dataclasses import dataclass
