@@ -1,6 +1,6 @@
 """Quadrotors, found from motor commands and motion capture alone.
 
-The recorded flights are another program's: rigid-body equations with 1 kHz steps, motors that lag,
+The recorded flights are another program's: rigid-body equations in steps of .5 ms, motors that lag,
 linear and a little quadratic drag, and commands and motion capture that come late. Each is cut out
 of a flight, so motors run where it begins. Inertias, thrust, drag, the motors' lag and the delay
 are drawn from a seed. `weighed`: the mass is known; else mass, inertias and forces times one factor
@@ -74,7 +74,7 @@ _NOMINAL = {"ixx": 0.006, "iyy": 0.007, "izz": 0.011, "thrust": 1.0, "drag": 1.0
 _HEADER = "time,m1,m2,m3,m4," + ",".join(
     f"measured.{j}" for j in ["x", "y", "z", "yaw", "pitch", "roll"]
 )
-_STEP_S, _SUBSTEPS, _STEPS, _BEFORE, _FLIGHTS = 0.01, 10, 600, 100, 6
+_STEP_S, _SUBSTEPS, _STEPS, _BEFORE, _FLIGHTS = 0.01, 20, 600, 100, 6
 _NOISE = np.repeat([5e-4, 2e-3], 3)  # m, rad
 _ARM, _GRAVITY, _NOMINAL_MASS = 0.12, 9.81, 1.0  # m, m/s², kg
 _FORCE, _TORQUE = 6.0, 0.1  # N, N·m of a motor of gain 1
@@ -153,7 +153,7 @@ def _fly(robot: dict[str, float], late_s: float, rng: np.random.Generator) -> np
     place, speed = _HEIGHT, np.zeros(3)
     turn, rate = Rotation.identity(), np.zeros(3)
     motors, late = np.full(4, hover), round(late_s / (_STEP_S / _SUBSTEPS))
-    asked = [np.full(4, hover)] * (late + 1)  # by the millisecond
+    asked = [np.full(4, hover)] * (late + 1)  # by half a millisecond
     goals, rows = rng.normal(0, 0.5, (_STEPS // 100 + 3, 4)), []
     for t in range(-_BEFORE, _STEPS + 1):
         commands = _command(robot, hover, goals[t // 100 + 1], place, speed, turn, rate)

@@ -5,7 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simtune.fit import OpenLoopReplay, Readings, recorded_loop, replay_whole
+from simtune.budget import Budget
+from simtune.fit import (
+    Guess,
+    OpenLoopReplay,
+    OutputErrorMethod,
+    Readings,
+    ReplayStage,
+    recorded_loop,
+    replay_whole,
+)
 from simtune.real.observed import observed
 from simtune.tasks import load_task
 
@@ -68,6 +77,30 @@ def test_a_motor_that_lags_ran_before_if_first_readings_say_so(
     assert loop.physics.simulator is not simulator
     # Not exactly at its first control, which was another one before
     assert astray(loop, cut) < 0.5 * astray(off, cut)
+
+
+@pytest.mark.parametrize("axis", ["1 0 0", "0 0 1"])
+def test_moments_that_follow_from_what_acted_before_are_left_out(tmp_path: Path, axis: str):
+    """For five lags of .06 s, fifteen steps; of motors that were off, nothing is."""
+    (tmp_path / "scene.xml").write_text(SCENE.replace("0 0 1", axis))
+    (tmp_path / "tune.toml").write_text(TUNE)
+    task = load_task(str(tmp_path / "tune.toml"))
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=False)
+    nominal, rng = task.parameters.nominal, np.random.default_rng(0)
+    actions = 0.5 + 0.1 * np.sin(STEP_S * np.arange(150))[None, :, None]
+    states = simulator.roll_out(nominal[None], actions, rng).states
+    heights = simulator.state_space.positions_and_velocities(states)[..., :1]
+    readings, unit = Readings(actions, heights), task.parameters.to_unit(nominal)
+    guess = Guess(unit, np.zeros(1))
+    for its, first in ((simulator, 0), (simulator.with_running_motors(), 15)):
+        loop = OpenLoopReplay.of(its, seen, nominal)
+        method = OutputErrorMethod(loop, np.zeros(1, bool), unit)
+        followed = method.follow(readings, guess)
+        assert followed.begin.min() >= first
+        assert followed.steps.sum() > 150 - first - 16  # nearly all of the rest
+        ended = method.descend(readings, guess, ReplayStage(1, 8), Budget())
+        assert first <= ended.objective.stretches.begin.min() < first + 8
+        assert loop.unsettled_rows == first
 
 
 def test_a_running_motors_delay_brings_its_first_control(tmp_path: Path):

@@ -10,6 +10,7 @@ _DYN = mujoco.mjtDyn
 _FILTERS = (_DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
 # Activations that controls alone change; others also depend on how the joint moved
 _OF_CONTROLS = (*_FILTERS, _DYN.mjDYN_INTEGRATOR.value, _DYN.mjDYN_MUSCLE.value)
+_LAGS = 5  # time constants, after which an activation is forgotten
 _FIXED, _AFFINE = mujoco.mjtGain.mjGAIN_FIXED.value, mujoco.mjtBias.mjBIAS_AFFINE.value
 
 
@@ -26,7 +27,11 @@ class HeldControls:
         is_servo = position_servos(model) & (model.actuator_ctrlnum == 1)
         is_filter = np.isin(model.actuator_dyntype, _FILTERS) & (model.actuator_actnum == 1)
         is_filter &= model.actuator_ctrlnum == 1
-        self.motors_lag = bool((is_filter & ~is_servo).any())
+        lagging = is_filter & ~is_servo
+        self.motors_lag = bool(lagging.any())
+        # Seconds after which it no longer matters what acted on motors that ran
+        lag_s = model.actuator_dynprm[lagging, 0].max(initial=0)
+        self.unsettled_s = _LAGS * lag_s if motors_ran else 0.0
         settled = is_servo | (is_filter if motors_ran else False)
         filtered = is_filter & settled
         self._acts = model.actuator_actadr[filtered]

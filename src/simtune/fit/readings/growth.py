@@ -39,7 +39,7 @@ def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments
     What cannot be followed for some steps is left out. If something may be pushed that no sensor
     measures, it has no steps: it leads to what comes after, with its errors. Later segments are at
     most twice as long as the longest before, so that the time that this takes is in proportion to
-    an episode's.
+    an episode's. Left out is also what follows actions from before an episode.
     """
     readings, noise = read.readings, assumed_noise(loop.sensors)
     last_row = readings.values.shape[1] - 1
@@ -47,6 +47,7 @@ def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments
     if loop.measured.bases:
         read = loop.carried(read, unit, last_row)
     left, found, then = Segments.evenly(readings), list[Segments](), None
+    longest = _AHEAD * FEWEST_STEPS
     while len(left.episode):
         stretches = read.cut(left)
         erring = _erring(loop, stretches)
@@ -55,17 +56,18 @@ def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments
         units = np.repeat(unit[None], len(erring), 0)
         predicted, _ = loop.play(stretches, erring, units)
         steps = np.minimum(_steps_followed(_grown(loop, predicted)), left.steps)
-        is_rest = left.begin + steps == last_row
-        is_kept = is_rest | (steps >= FEWEST_STEPS)
+        longest = max(longest, _AHEAD * int(steps.max()))
+        settling = np.where(left.begin == 0, loop.unsettled_rows, 0)
+        is_rest = (left.begin + steps == last_row) & (settling == 0)
+        is_kept = (is_rest | (steps >= FEWEST_STEPS)) & (settling == 0)
         found.append(left._replace(steps=np.where(is_kept, steps, 0)))
-        begin = left.begin + np.where(is_kept, steps, FEWEST_STEPS)
+        begin = left.begin + np.where(is_kept, steps, np.maximum(settling, FEWEST_STEPS))
         begin = next_begin[left.episode, np.minimum(begin, last_row)]
         is_left = ~is_rest & (begin + FEWEST_STEPS <= last_row)
         if pushed.any() and is_left.any():
             leading = left._replace(steps=begin - left.begin).of(is_left)
             lead = read.cut(leading)
             _, _, then = loop.play_apart(lead, erring[:, is_left], units, leading.steps)
-        longest = _AHEAD * max(FEWEST_STEPS, int(max(part.steps.max() for part in found)))
         rest = np.minimum(last_row - begin, longest)
         left = Segments(left.episode, begin, rest).of(is_left)
     followed = Segments.joined(found)

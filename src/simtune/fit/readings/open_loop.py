@@ -5,6 +5,7 @@ each: a short stretch is nearly linear in the unknowns, the whole episode is wha
 """
 
 import copy
+import math
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -74,6 +75,12 @@ class OpenLoopReplay:
         each = enumerate(zip(begins, ends, strict=True))
         is_unseen = np.isfinite(self.elsewhere)
         return tuple(model.joint(j).name for j, part in each if is_unseen[slice(*part)].any())
+
+    @property
+    def unsettled_rows(self) -> int:
+        """First rows of an episode in which what acted before it still matters: nobody knows that."""
+        simulator = self.physics.simulator
+        return math.ceil(simulator.held.unsettled_s / simulator.step_s)
 
     @property
     def may_touch(self) -> bool:

@@ -76,6 +76,8 @@ class OutputErrorMethod:
         """
         loop = self._loop
         segments = stage.segments_of(readings)
+        if stage.steps is not None and (settled := segments.begin >= loop.unsettled_rows).any():
+            segments = segments.of(settled)
         stretches = loop.cut_at(readings, begin.unit, begin.offsets, segments, stage.goes_on)
         began_s = time.monotonic()
         played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
