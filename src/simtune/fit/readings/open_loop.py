@@ -78,7 +78,7 @@ class OpenLoopReplay:
 
     @property
     def unsettled_rows(self) -> int:
-        """First rows of an episode in which it still matters what acted before: nobody knows that."""
+        """First rows of an episode in which unknown actions from before it still matter."""
         simulator = self.physics.simulator
         return math.ceil(simulator.held.unsettled_s / simulator.step_s)
 
