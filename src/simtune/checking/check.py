@@ -111,6 +111,7 @@ def _simulated(config: CheckConfig, task: Task, size: int, seen: ObservationMode
     worlds = np.tile(task.parameters.nominal, (num, 1))
     act = simulator.explore(num, task.episode_steps, rng)
     actions = simulator.play(worlds, act, task.episode_steps, rng).actions
-    facts: dict[str, Any] = {"actions": "scripted" if task.script else "random"}
+    kind = "scripted" if task.script else "random" if simulator.num_actions else "no"
+    facts: dict[str, Any] = {"actions": kind}
     facts["warnings"] = too_short(task.episode_steps, are_filmed=bool(seen.cameras))
     return Given(simulator, actions, facts)

@@ -27,7 +27,8 @@ _AT_BEST_LEGEND = (
 
 def table(result: dict[str, Any]) -> list[str]:
     """Lines of plain text."""
-    kind = result.get("actions", "the recordings'")
+    recorded = result.get("recordings", {}).get("action_ranges", True)
+    kind = result.get("actions", "the recordings'" if recorded else "no")
     lines = [
         f"{result['task']}: {result['episodes']} episodes of {result['steps']} steps of "
         f"{result['step_s']:.3g} s with {kind} actions"
