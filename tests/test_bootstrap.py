@@ -21,10 +21,10 @@ from simtune.fit import (
     held_out_misfit,
     model_checks,
     run_bootstrap,
-    too_late_warning,
 )
 from simtune.fit.calibration.refits import believed_std, usual_std
 from simtune.fit.combine import COMMON_STD
+from simtune.fit.fit_warnings import too_late_warning
 from simtune.fit.lateness import is_too_late
 from simtune.fit.motion.common_errors import Beside, beside
 from simtune.fit.pictures.response import CameraResponse, Photometry

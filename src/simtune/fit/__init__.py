@@ -19,7 +19,6 @@ from simtune.fit.fit_warnings import (
     bound_warnings,
     delay_warnings,
     timestep_warning,
-    too_late_warning,
 )
 from simtune.fit.lateness import Lateness, states_in_late_pictures
 from simtune.fit.motion.estimator import StateEstimator
@@ -85,5 +84,4 @@ __all__ = [
     "states_in_late_pictures",
     "timestep_warning",
     "to_range_units",
-    "too_late_warning",
 ]

@@ -16,15 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import (
-    FitConfig,
-    JointMotion,
-    OpenLoopReplay,
-    PointEstimate,
-    Readings,
-    correlated_pairs,
-    recorded_loop,
-)
+from simtune.fit import FitConfig, JointMotion, OpenLoopReplay, PointEstimate, correlated_pairs
 from simtune.normal import STDS_90
 from simtune.observation import advanced, finds_offset, joints_of
 from simtune.parameters import ParameterSpace
@@ -85,9 +77,7 @@ class ReadingsEstimate:
     ) -> "ReadingsEstimate":
         """What a `search_of` readings finds."""
         context, joints = search.context, None
-        seen = context.observation
-        readings = Readings.of(real, joints_of(seen.sensors))
-        loop = recorded_loop(context.simulator, seen, context.start, readings)
+        loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
         if loop.measured.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
         return cls(search.fit(real, budget), joints)
