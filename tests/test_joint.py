@@ -264,6 +264,16 @@ def test_what_only_a_ratio_tells_keeps_the_ratio_that_the_fit_found():
     assert np.log(damping.max() / damping.min()) > 0.95 * np.log(10 / 0.1)  # all of its bounds
 
 
+@pytest.mark.parametrize("std", [0.05, 2.0])  # a curve of its own, or normal within the bounds
+def test_fewer_and_more_draws_begin_alike(std):
+    joint = joint_of([0.5] * 4, [std, std, 0.05, 0.05], _pair(0.9))[0]
+    few, many = (joint.draw(num, np.random.default_rng(9)) for num in (3, 4003))
+    assert few.shape == (3, 4)
+    assert many.shape == (4003, 4)
+    np.testing.assert_array_equal(many[:3], few)
+    assert len(np.unique(many, axis=0)) == 4003
+
+
 def test_draws_in_a_box_are_those_that_rejection_leaves():
     rng, mean = np.random.default_rng(7), np.array([0.2, 0.9, 0.5])
     root = np.array([[0.5, 0, 0], [0.4, 0.2, 0], [-0.1, 0.1, 0.3]])

@@ -30,6 +30,7 @@ NUM_DRAWS = 4000  # kept by a run: ends of 90 % intervals to a thirtieth of a st
 _BEYOND = 0.05  # probability beyond each end, from which a curve is taken for a normal one
 _FLAT = 100.0  # standard deviations, of such a one, from which it tells nothing
 _SURELY = 1e-3  # probability that nothing is concluded from
+_BLOCK = 1000  # draws at once
 _POINTS = 65  # of a uniform distribution, which may be curved on another scale
 
 
@@ -65,15 +66,20 @@ class Joint:
         return np.stack(columns, -1)
 
     def draw(self, num: int, rng: np.random.Generator) -> np.ndarray:
-        """(num, N) parameters within their bounds."""
+        """(num, N) parameters within their bounds; fewer and more begin alike."""
+        blocks = [self._draw_block(rng) for _ in range(-(-num // _BLOCK))]
+        return self.space.from_unit(np.concatenate(blocks)[:num])
+
+    def _draw_block(self, rng: np.random.Generator) -> np.ndarray:
+        """(_BLOCK, N) unit coordinates."""
         is_normal = np.isfinite(self.normal[0])
         mean, std = self.normal[:, is_normal]
         among = self.correlation[np.ix_(is_normal, is_normal)] * np.outer(std, std)
-        in_box = draw_in_box(mean, among, num, rng)
+        in_box = draw_in_box(mean, among, _BLOCK, rng)
         drawn = draw_beside((in_box - mean) / std, is_normal, self.correlation, rng)
         unit = self.quantile(ndtr(drawn))
         unit[:, is_normal] = in_box
-        return self.space.from_unit(unit)
+        return unit
 
     def mean_and_covariance(self) -> tuple[np.ndarray, np.ndarray]:
         """(N,) medians, (N, N) covariance: of normal errors with the same central 90 %.
