@@ -14,7 +14,7 @@ from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings
 from simtune.tuning.readings.agreement import CLEARLY_BETTER, two_agree
 from simtune.tuning.readings.horizons import AT_LATENCY, Horizon, Horizons, Latency, longest_latency
 
-_MOST_LEFT = 0.5  # steps of a delay that are left to a lateness
+MOST_LEFT = 0.5  # steps of a delay that are left to a lateness
 _INSIDE = 0.1  # of the range, kept from its ends: at a bound nothing moves inward
 _HURRY = 0.3  # share of the time, after which two that agree suffice to go on
 _FEW = 3  # episodes that tell how far replays can be followed
@@ -120,7 +120,7 @@ class ReadingsDescents:
             elif number > steps + 2:
                 break
         left = float(Lateness.steps(best.unit[-1])) if self._method.has_lateness else 0.0
-        more = int(left > _MOST_LEFT) - int(left < -_MOST_LEFT and steps > 0)
+        more = int(left > MOST_LEFT) - int(left < -MOST_LEFT and steps > 0)
         return sooner(self._method, best.guess, more), Latency(steps + more, is_known)
 
 

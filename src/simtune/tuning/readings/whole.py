@@ -7,7 +7,6 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings, ReplayStage
-from simtune.fit.lateness import is_too_late
 from simtune.fit.readings.segments import Segments
 from simtune.observation import declared_noise
 from simtune.tuning.readings.agreement import (
@@ -18,7 +17,7 @@ from simtune.tuning.readings.agreement import (
     two_agree,
     unexplained,
 )
-from simtune.tuning.readings.descents import sooner
+from simtune.tuning.readings.descents import MOST_LEFT, sooner
 from simtune.tuning.readings.horizons import Horizons, Latency
 
 _LITTLE_MORE = 1.5  # factor on the noise that a sensor declares
@@ -59,7 +58,7 @@ class WholeFits:
         """
         readings = self.readings.delayed(latency.steps)
         whole = self._first_whole(readings, ended[0].guess, budget)
-        if further := self._step_on(whole, latency, budget):
+        while further := self._step_on(whole, latency, budget):
             whole, latency = further
             readings, ended = self.readings.delayed(latency.steps), [whole.descent]
         first, stage, took_s = whole
@@ -79,14 +78,14 @@ class WholeFits:
     def _step_on(
         self, whole: _Whole, latency: Latency, budget: Budget
     ) -> tuple[_Whole, Latency] | None:
-        """The fit of a latency a step away, if the lateness ended at an end and that one is better.
+        """The fit of a latency a step away, if over half a step is left and that one is better.
 
         Stretches tell less of a delay than whole episodes do: where a motor lags, next to nothing.
         """
         if not self.method.has_lateness or budget.seconds_left <= whole.took_s:
             return None
         left = float(Lateness.steps(whole.descent.unit[-1]))
-        more = int(np.sign(left)) if is_too_late(left) else 0
+        more = int(np.sign(left)) if abs(left) > MOST_LEFT else 0
         steps = latency.steps + more
         if not more or not 0 <= steps <= self.longest_latency:
             return None
