@@ -37,6 +37,9 @@ from simtune.fit.readings.weak_directions import sharpened
 from simtune.observation import assumed_noise
 
 _MORE_ITERATIONS = 5  # with all derivatives computed anew
+# Iterations, of which one has all derivatives: what a group's other unknowns do is kept, and
+# where large derivatives cancel, as of a thrust and inertias together, a descent would creep
+_RENEWED_EVERY = 4
 
 
 class ReplayStage(NamedTuple):
@@ -91,8 +94,8 @@ class OutputErrorMethod:
             loop, stretches, begin, start_std, self._finds_offset, self.prior, touches
         )
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
-        takes_s = 0.0 if near else self.num_worlds(touches) * played_s
-        return self._iterate(begun, stage.iterations, budget, takes_s)
+        full_s = self.num_worlds(touches) * played_s
+        return self._iterate(begun, stage.iterations, budget, full_s)
 
     def follow(self, readings: Readings, guess: Guess) -> Segments:
         """Whole episodes, or the segments of them that replay can follow."""
@@ -109,26 +112,28 @@ class OutputErrorMethod:
         return 1 + num * (1 + touches) + len(self._loop.measured.start_tangents)
 
     def _iterate(
-        self, descent: Descent, iterations: int, budget: Budget, takes_s: float = 0.0
+        self, descent: Descent, iterations: int, budget: Budget, full_s: float = 0.0
     ) -> Descent:
-        """Iterate; if derivatives near by are known, refresh them by groups of unknowns.
+        """Iterate; if derivatives near by are known, mostly refresh them by groups of unknowns.
 
-        `takes_s`: an iteration, as far as is known. None is begun that would not end in time.
+        `full_s`: an iteration with all derivatives, as far as is known. None is begun that would
+        not end in time.
         """
-        damping, loop = FIRST_DAMPING, self._loop
+        damping, loop, refreshed_s = FIRST_DAMPING, self._loop, 0.0
         groups = Groups.of(descent.slopes, descent.noise) if descent.slopes else None
-        for _ in range(iterations):
-            began_s = time.monotonic()
-            if budget.is_over or takes_s > budget.seconds_left:
+        for number in range(1, iterations + 1):
+            began_s, is_full = time.monotonic(), groups is None or number % _RENEWED_EVERY == 0
+            if budget.is_over or (full_s if is_full else refreshed_s) > budget.seconds_left:
                 return replace(descent, is_cut_off=True)
             at = descent.objective.difference_point(descent.point)
-            if descent.slopes is None or groups is None:
+            if is_full or descent.slopes is None or groups is None:
                 slopes = differentiate(loop, at, one_sided=True)
                 groups = Groups.of(slopes, descent.noise)
             else:
                 slopes = refresh(loop, at, descent.slopes, groups)
             descent, damping, is_over = stepped(descent, slopes, damping)
-            takes_s = time.monotonic() - began_s
+            took_s = time.monotonic() - began_s
+            full_s, refreshed_s = (took_s, refreshed_s) if is_full else (full_s, took_s)
             if is_over:
                 break
         return descent
