@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from simtune.budget import Budget
-from simtune.checking.mistakes.misread import _Replays, misread
+from simtune.checking.mistakes.misread import misread
+from simtune.checking.mistakes.short_replays import ShortReplays
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.lateness import Lateness
 from simtune.fit.readings.measured_states import MeasuredStates
@@ -170,8 +171,9 @@ def test_no_robot_that_stands_is_said_to_lie_or_hang(tmp_path, driven, monkeypat
         tried.extend(np.abs(change.shift).max() for change in changes)
         return 1e3, changes[0], []
 
-    monkeypatch.setattr(_Replays, "best", best)
-    monkeypatch.setattr(_Replays, "left", lambda *_: 1.0)
+    monkeypatch.setattr(ShortReplays, "best", best)
+    monkeypatch.setattr(ShortReplays, "left", lambda *_: 1.0)
+    monkeypatch.setattr(ShortReplays, "moves", lambda *_: False)
     assert misread(driven[0], simulator, seen) == []
     assert {round(shift / (np.pi / 4)) for shift in tried} == {0, 1}  # eighths of a turn
 
