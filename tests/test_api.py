@@ -292,10 +292,13 @@ def test_a_robot_films_nothing_for_a_check_with_a_wrong_option():
 
 def test_check_finds_a_camera_pose(tmp_path, monkeypatch):
     camera = {"camera": "top", "frames": 9, "warnings": ["far off"], "parameters": {}}
+    camera["is_found"] = False
     monkeypatch.setattr("simtune.checking.command.find_camera_pose", lambda *a: camera)
     found = simtune.check("cartpole", real=tmp_path, camera_pose=str(tmp_path / "camera.toml"))
     assert found == camera
-    assert repr(found).splitlines()[:2] == ["camera top, by 9 frames", "warning: far off"]
+    told = repr(found).splitlines()
+    assert told[:2] == ["camera top, by 9 frames", "warning: far off"]
+    assert told[2].startswith("not found: nothing is written to")
 
 
 def test_a_result_without_a_search_has_no_samples_and_no_verdicts(tmp_path):

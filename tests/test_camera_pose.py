@@ -4,13 +4,14 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 
 from simtune import cli
-from simtune.camera_pose import find_camera_pose
+from simtune.camera_pose import find, find_camera_pose, lines
 from simtune.camera_pose.film import Film
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
@@ -443,6 +444,23 @@ def test_a_camera_at_the_end_of_its_range_is_warned_of(filmed):
     result = describe(filmed.task, found_at(np.array([1.0, 0.5, 0.5, 0.5, 0.5, 0.5])), 9)
     (said,) = result["warnings"]
     assert said.startswith("camera_x is at the end of what was searched")
+
+
+@pytest.mark.parametrize(("agreement", "is_found"), [(0.8, True), (0.25, False)])
+def test_a_camera_that_is_not_found_is_not_written(
+    filmed, tmp_path, monkeypatch, agreement, is_found
+):
+    found = found_at(filmed.truth)._replace(agreement=Agreement(agreement, 0.2, 0.9))
+    real, path = tmp_path / "real", tmp_path / "camera.toml"
+    seen = observed(filmed.task, None, is_simulated=False)
+    collected = SimpleNamespace(collect=lambda _: [], observation=seen)
+    monkeypatch.setattr(find, "open_recordings", lambda *_: SimpleNamespace(aspects=[1.0]))
+    monkeypatch.setattr(find, "RecordedReal", lambda *_: collected)
+    monkeypatch.setattr(find, "find_pose", lambda task, *_: describe(task, found, FRAMES))
+    result = find_camera_pose(CheckConfig(task=filmed.task.source, real=real, camera_pose=path))
+    assert path.exists() == is_found
+    last = f"written to {path}" if is_found else f"not found: nothing is written to {path}"
+    assert lines(result, path)[-1] == last
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import mujoco
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, camera_pose, colour, dynamics
 from simtune.recordings import write_dataset
 from simtune.simulation import Rollouts, Simulator, random_actions
+from simtune.simulation.actions import DirectActions
 from simtune.tasks import TASKS, Task
 from simtune.trajectory import Trajectory
 from simtune.vision.keypoints import candidate_keypoints
@@ -411,6 +413,21 @@ def test_warnings():
     assert "idle" in constant
     assert warned(0.08, (30, 5), 1.0)[1].startswith("two has 5 steps: `simtune tune` needs at l")
     assert "up to 40 ms away from their steps of 80 ms" in warned(0.08, (30, 30), 1.0, 40)[0]
+
+
+def test_actions_of_a_controller_within_the_robot_are_warned_of(tmp_path):
+    path = tmp_path / "demos.hdf5"
+    with h5py.File(path, "w") as file:
+        kinds = {"env_kwargs": {"controller_configs": {"type": "OSC_POSITION"}}}
+        file.create_group("data").attrs["env_args"] = json.dumps(kinds)
+    facts = {"control_hz": 12.5, "cameras": [], "names": ["demo_0"], "folder": str(path)}
+    deltas = np.random.default_rng(0).uniform(-1, 1, (30, 2))
+    (said,) = warnings(pendulum(), facts, [deltas], 1)
+    assert said.startswith("actions may not be what actuators are sent: its env_args names the ")
+    displacing = type("Displacing", (DirectActions,), {"is_relative": True})
+    assert warnings(replace(pendulum(), map_actions=displacing), facts, [deltas], 1) == []
+    torques = warnings(pendulum(), facts, [3 * deltas], 1)
+    assert not any("env_args" in told for told in torques)
 
 
 def test_no_rate_is_advised_against_one_that_was_chosen_or_that_frames_need():

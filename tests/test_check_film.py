@@ -9,6 +9,7 @@ from test_check import PENDULUM, make_task, pendulum
 
 from simtune.cameras.views import View
 from simtune.checking.film import compare as film
+from simtune.checking.film import look
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import compare
 from simtune.checking.film.exchanged import exchanged
@@ -16,7 +17,7 @@ from simtune.checking.film.features import SIZE, describe, likeness, moving_shar
 from simtune.checking.film.film_warnings import all_clear, warnings
 from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, MIRRORED
 from simtune.checking.film.library import Library, make_libraries
-from simtune.checking.film.resting import resting_parts
+from simtune.checking.film.resting import in_words, resting_parts
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.recordings import write_dataset
@@ -245,6 +246,10 @@ def test_exchanged_films_are_told_by_what_moves_alone(library):
     libraries = [library, library_of(np.rot90(plain, 1, (2, 3)))]
     assert exchanged(upright, libraries) == {}
     assert exchanged(upright[::-1], libraries) == {0: 1, 1: 0}
+    # A lens makes 4:3 a little wider; an upright film is no wide camera's
+    wider, taller = (upright[0].repeat(n, axis) for n, axis in ((17, 3), (2, 2)))
+    assert exchanged([upright[1], wider[..., ::16, :]], libraries) == {0: 1, 1: 0}
+    assert exchanged([upright[1], taller], libraries) == {}
     before_its_own = filmed(upright[1], is_plate=True)
     (said,) = warnings(before_its_own, compare(upright[1], library), exchanged_with="side")
     assert said.endswith("are their keys exchanged?")
@@ -255,6 +260,40 @@ def test_before_the_films_own_background_no_other_scene_is_ruled_out(library):
     comparison, said = compare(film, library), "nothing says that this is another scene"
     assert all_clear(filmed(film), comparison).startswith(said)
     assert "only what moves was compared" in all_clear(filmed(film, is_plate=True), comparison)
+
+
+def test_a_camera_that_moves_may_have_another_one_s_film(library, monkeypatch, tmp_path):
+    """Such as a wrist's, of which only what moves is compared, too."""
+    task = pendulum()
+    simulator = task.simulator(image_size=SIZE)
+    film, turned = drawn(2, 8, 1), library_of(np.rot90(library.frames, 1, (2, 3)))
+    films = [filmed(np.rot90(film, 1, (2, 3))), filmed(film)._replace(name="wrist")]
+    for name, its in (
+        ("make_libraries", [library, turned]),
+        ("resting_parts", []),
+        ("painted_over", {}),
+        ("camera_moves", True),
+    ):
+        monkeypatch.setattr(look, name, lambda *_, its=its: its)
+    monkeypatch.setattr(look, "draw_film", lambda *_: None)
+    config = CheckConfig(task="pendulum", pictures=tmp_path / "film.png")
+    _, said = look.look_at(films, task, simulator, np.zeros((2, 8, 2)), config)
+    assert [told.partition(":")[0] for told in said] == ["camera front", "camera wrist"]
+    assert all(told.endswith("are their keys exchanged?") for told in said)
+
+
+def test_what_rests_in_a_background_is_told_in_its_number():
+    assert in_words(["flap"]) == (
+        "the background shows what moves: flap, which rests in most frames; when it moves, the "
+        "simulator shows it twice: give a picture of the scene without it as background, or record "
+        "episodes in which it rests less"
+    )
+    several = in_words(["shoulder", "upper"])
+    assert "shoulder, upper, which rest in most frames; when they move, the simulator" in several
+    assert several.endswith(
+        "shows them twice: give a picture of the scene without them as "
+        "background, or record episodes in which they rest less"
+    )
 
 
 @pytest.mark.parametrize("shown", [True, False])

@@ -127,6 +127,29 @@ def test_lens_that_sees_no_whole_picture_is_refused():
         Lens(640, 480, 500, 500, 700, 240).check()
 
 
+@pytest.mark.parametrize(
+    ("lens", "message"),
+    [
+        # Of a picture of 192 × 144, which would fold as well
+        (
+            Lens(1280, 720, 186.4, 187.3, 96.9, 71.2, (-0.244, 0.046, 0.0, 0.0, 0.0)),
+            "fx of 186.4 pixels and a width of 1280 make a field of view of 148°; .* another size",
+        ),
+        (Lens(640, 480, 500.0, 50000.0, 320.0, 240.0), "fy of 50000 pixels and a height of 480"),
+    ],
+)
+def test_a_focal_length_of_pictures_of_another_size_is_told(lens, message):
+    with pytest.raises(InputError, match=message):
+        lens.check()
+
+
+def test_the_lenses_that_there_are_have_plausible_angles():
+    Lens(1920, 1200, 763.0, 763.0, 959.5, 599.5).check()  # 103°: 14 mm on 24 × 36 mm
+    Lens(640, 480, 1050.0, 1050.0, 319.5, 239.5).check()  # 34°
+    narrow = Lens.pinhole(640, 480, fovy_deg=3)  # the model's own
+    replace(narrow, region=(0, 0, 640, 480)).check()
+
+
 def test_a_lens_that_folds_beyond_the_middle_and_unfolds_again_is_refused():
     """Beyond 1.05 of its axis, directions are shown again nearer to the middle, up to 1.8."""
     folding = Lens(640, 480, 440, 440, 319.5, 239.5, (-0.34, 0.01, 0, 0, 0.007))

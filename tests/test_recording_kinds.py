@@ -320,6 +320,44 @@ def test_robomimic(tmp_path, options):
     assert [facts["cameras"][0][key] for key in ("key", "codec")] == ["wrist_image", "raw"]
 
 
+OSC = {"right": {"type": "OSC_POSE", "gripper": {"type": "GRIP"}}}
+
+
+@pytest.mark.parametrize(
+    ("key", "facts", "said"),
+    [
+        (
+            "env_args",
+            {"env_kwargs": {"controller_configs": {"type": "OSC_POSE"}}},
+            "env_args names the controller OSC_POSE: such actions are displacements and turns of "
+            "an end effector, for a controller within the robot, not for actuators; log joint torq",
+        ),
+        (
+            "env_info",  # robosuite 1.5, whose parts have a controller each
+            {"controller_configs": {"type": "BASIC", "body_parts": OSC}},
+            "env_info names the controller OSC_POSE: ",
+        ),
+        (
+            "env_args",
+            {"env_kwargs": {"controller_configs": [{"type": "JOINT_TORQUE"}, {"type": "IK_POSE"}]}},
+            "env_args names the controller JOINT_TORQUE and IK_POSE: such actions are torques, ",
+        ),
+        ("env_args", {"env_kwargs": {"controller_configs": {"type": ["?"]}}}, "another robot?"),
+        ("env_args", [], "another robot?"),
+    ],
+)
+def test_actions_of_a_controller_within_the_robot_are_not_another_robot_s(
+    tmp_path, key, facts, said
+):
+    write_hdf5(tmp_path / "image.hdf5")
+    with h5py.File(tmp_path / "image.hdf5", "a") as file:
+        del file["data"].attrs["env_args"]
+        file["data"].attrs[key] = json.dumps(facts)
+    told = message(tmp_path, num_actions=9, control_hz=FPS, cameras=())
+    assert "the task takes 9 actions, the recording has 3" in told
+    assert said in told
+
+
 @pytest.mark.parametrize("asked", ["", "bag", "bag/bag_0.mcap"])
 def test_a_ros_bag_is_refused_with_where_the_recipe_is(tmp_path, asked):
     (tmp_path / "bags" / "bag").mkdir(parents=True)

@@ -209,6 +209,37 @@ def test_what_a_robot_stands_on_from_the_beginning_is_not_named(tmp_path):
     assert mounts.contacts([0, 1]) == [Touching(("trunk", "floor"), (0, 1))]
 
 
+BOX = (
+    '<body name="box" pos="{}"><freejoint/><geom name="box" type="box" size=".05 .05 .05"/></body>'
+)
+
+
+def beside_a_box(folder: Path, place: str, start: str, moves: str = "") -> RecordedReplays:
+    """An arm that is mounted beside two free boxes in the air, one of them far away."""
+    boxes = BOX.format(place) + BOX.format("3 0 .2").replace('"box"', '"far"', 2) + moves
+    scene = SCENE.replace("</worldbody>", f"{boxes}</worldbody>").replace(' {pose} 0"', ' 0"')
+    pose = f"0 {place} 1 0 0 0 3 0 .2 1 0 0 0"
+    scene = scene.replace('qpos="{pose} 0"', f'qpos="{pose}"').replace("{height}", ".1")
+    return replays(folder, "", "", start=start, scene=scene)
+
+
+def test_objects_that_the_robot_does_not_touch_are_not_named(tmp_path):
+    """Such as those that were put away and fall there."""
+    assert beside_a_box(tmp_path, "1 0 .2", start="").contacts([0, 1]) == []
+    assert beside_a_box(tmp_path, "1 0 .2", start=STAND).contacts([0, 1]) == []
+
+
+def test_objects_that_the_robot_touches_are_named_with_what_else_they_touch(tmp_path):
+    # It falls from the arm's end to the floor, and on the way strikes the arm
+    on_the_arm = beside_a_box(tmp_path, ".09 0 .4", start=STAND).contacts([0, 1])
+    touched = {frozenset(its.geoms) for its in on_the_arm}
+    assert frozenset(("arm", "box")) in touched
+    assert not any("far" in pair for pair in touched)
+    mocap = '<body mocap="true" pos="1.03 0 .1"><geom name="hand" size=".03"/></body>'
+    by_hand = beside_a_box(tmp_path, "1 0 .3", start=STAND, moves=mocap).contacts([0, 1])
+    assert Touching(("box", "floor"), (0, 1)) in by_hand
+
+
 def test_of_geoms_that_touch_the_same_all_are_told_together():
     found = [Touching((foot, "floor"), (0, 1)) for foot in ("left", "right")]
     found.append(Touching(("left", "right"), (1,)))

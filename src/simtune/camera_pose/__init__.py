@@ -8,6 +8,9 @@ film          the film's edges, of moving things and of the background
 silhouettes   a first guess: where something moves, and where the robot does
 tracking      aligns the robot's outlines with the film's edges
 search        tracking from several starts
+bending       a camera behind a lens that bends straight lines by one more unknown
+lens_check    whether the film looks as if through another lens than declared
+found         a camera that was found
 sureness      uncertainty of the result
 written       output, and the table for a tuning file
 """

@@ -7,6 +7,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.camera_pose.geometry import CameraGeometry
+from simtune.camera_pose.lens_check import lens_warnings
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.scene import measured_states, unlocated_geoms, with_any_camera
 from simtune.camera_pose.search import CameraSearch
@@ -30,7 +31,8 @@ _HEIGHT_PX = 240  # of pictures; large, since no network has to learn from them
 def find_camera_pose(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any]:
     """A camera's position, orientation and field of view, with 90 % intervals; JSON.
 
-    Raises InputError for invalid input.
+    They are written to a file, if one is asked for and the camera `is_found`. Raises InputError
+    for invalid input.
     """
     config.check()
     budget = Budget(60 * config.budget_minutes, report)
@@ -50,7 +52,7 @@ def find_camera_pose(config: CheckConfig, report: ReportProgress = silent) -> di
     real = RecordedReal(dataset, seen.framed(dataset.aspects))
     trajectories = real.collect(config.episodes)
     result = find_pose(task, real.observation, trajectories, budget, config.seed)
-    if config.camera_pose:
+    if config.camera_pose and result["is_found"]:
         config.camera_pose.write_text(tuning_table(result))
     return result
 
@@ -72,8 +74,10 @@ def find_pose(
     hidden = unlocated_geoms(simulator.model, camera, seen)
     robot = Robot(simulator.model, camera, states, geometry, hidden)
     plate = None if camera_moves(simulator.model, camera) else np.median(frames, 0)
-    found = CameraSearch(frames, plate, robot, geometry, seed).run(budget)
-    return describe(task, found, len(frames))
+    lens = task.cameras[0].lens
+    found = CameraSearch(frames, plate, robot, geometry, seed, lens).run(budget)
+    result = describe(task, found, len(frames))
+    return result | {"warnings": [*result["warnings"], *lens_warnings(found, lens)]}
 
 
 def _known(

@@ -56,13 +56,13 @@ class CameraGeometry:
         pose = self.pose(unit)
         seen = (points - pose.place) @ pose.turn
         depth = np.maximum(-seen[..., 2:], _LEAST_DEPTH_M)
-        pixels = self._centre_px + self._focal_px(pose) * seen[..., :2] / depth * [1, -1]
+        pixels = self.centre_px + self.focal_px(pose) * seen[..., :2] / depth * [1, -1]
         return np.where(-seen[..., 2:] > _LEAST_DEPTH_M, pixels, _OUTSIDE_PX)
 
     def lift(self, unit: np.ndarray, pixels: np.ndarray, depths: np.ndarray) -> np.ndarray:
         """(n, 3) points, seen at (n, 2) pixels, (n,) m along the camera's axis."""
         pose = self.pose(unit)
-        beside = (pixels - self._centre_px) * [1, -1] / self._focal_px(pose)
+        beside = (pixels - self.centre_px) * [1, -1] / self.focal_px(pose)
         seen = np.concatenate([beside, -np.ones((len(beside), 1))], 1) * depths[:, None]
         return seen @ pose.turn.T + pose.place
 
@@ -71,7 +71,7 @@ class CameraGeometry:
         pose, values = self.pose(unit), self._values(unit)
         away = points - pose.place
         x, y, z = (away @ pose.turn).T
-        depth, focal = np.maximum(-z, _LEAST_DEPTH_M), self._focal_px(pose)
+        depth, focal = np.maximum(-z, _LEAST_DEPTH_M), self.focal_px(pose)
         nothing = np.zeros_like(x)
         by_seen = np.stack([np.stack([depth, nothing, x]), np.stack([nothing, -depth, -y])])
         by_seen *= focal / depth**2  # (2, 3, n)
@@ -106,10 +106,12 @@ class CameraGeometry:
         return np.array([[p.low, p.high - p.low] for p in self.space]).T
 
     @property
-    def _centre_px(self) -> np.ndarray:
+    def centre_px(self) -> np.ndarray:
+        """(2,) where the camera's axis is."""
         return (np.array(self.size[::-1]) - 1) / 2
 
-    def _focal_px(self, pose: Pose) -> np.ndarray:
+    def focal_px(self, pose: Pose) -> np.ndarray:
+        """Pixels, for pictures of this size."""
         return focal_px(self.size[0], pose.fovy_deg)
 
 

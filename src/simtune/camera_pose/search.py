@@ -1,19 +1,21 @@
-"""The search for a camera: silhouettes, then edges, from several starts."""
+"""The search for a camera: silhouettes, then edges, from several starts; a lens at the end."""
 
 import itertools
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from simtune.budget import Budget
 from simtune.camera_pose.film import Film
+from simtune.camera_pose.found import Found
 from simtune.camera_pose.geometry import CameraGeometry
+from simtune.camera_pose.lens_check import with_lens
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
 from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Agreement, Fit, Tracker
+from simtune.cameras.lens import Lens
 from simtune.cameras.pictures import resize
 from simtune.errors import InputError
 
@@ -22,6 +24,7 @@ _STARTING = 0.5  # of the time, within which more starts are tried if no end is 
 _SURE = 0.4  # share of outlines on edges in excess of chance
 _BESIDE = 0.05  # of the range
 _KEPT = 2  # ends that are refined
+_FITS = _KEPT + 1  # fine ones, the last with a lens
 _AS_GOOD = 0.8  # of the best score: such an end may be right, too
 _SILHOUETTES, _SMALL_PX = 12, 64  # frames for the silhouettes, and their height
 _ROUGH_PICTURES, _FEWEST_PICTURES, _MOST_PICTURES = 16, 8, 48
@@ -29,14 +32,6 @@ _TIMED = 4  # pictures
 _SHARE = 0.7  # of the time left, for fine fits
 
 Judged = tuple[Agreement, Fit]
-
-
-class Found(NamedTuple):
-    """A camera, and the ends of all fits that are about as good, including its own."""
-
-    fit: Fit
-    agreement: Agreement
-    ends: np.ndarray  # (K, P) unit coordinates
 
 
 class CameraSearch:
@@ -49,10 +44,13 @@ class CameraSearch:
         robot: Robot,
         geometry: CameraGeometry,
         seed: int,
+        lens: Lens | None = None,
     ):
-        """(F, H, W, 3) frames in which the robot was in its F states; `plate`: see `Film`."""
+        """(F, H, W, 3) frames in which the robot was in its F states; `plate`: see `Film`;
+        `lens`: of which the frames are rid.
+        """
         self._frames, self._plate, self._robot, self._geometry = frames, plate, robot, geometry
-        self._rng = np.random.default_rng((seed, 1))
+        self._rng, self._lens = np.random.default_rng((seed, 1)), lens
 
     def run(self, budget: Budget) -> Found:
         """The camera with which the robot explains the film best.
@@ -72,7 +70,8 @@ class CameraSearch:
         fine = fine or kept
         agreement, best = max(fine, key=_score)
         as_good = [fit.unit for its, fit in fine if its.score > _AS_GOOD * agreement.score]
-        return Found(best, agreement, np.array([best.unit, *as_good]))
+        found = Found(best, agreement, np.array([best.unit, *as_good]))
+        return with_lens(found, tracker, self._robot, self._geometry, self._lens)
 
     def _ends(self, budget: Budget) -> list[Judged]:
         """The best ends of rough fits, the best last."""
@@ -129,7 +128,7 @@ class CameraSearch:
         few.fit(near, FINE[-1:])  # the first call is slower
         began_s = time.monotonic()
         few.fit(near, FINE[-1:])
-        each_s = (time.monotonic() - began_s) / _TIMED * len(FINE) * _KEPT
+        each_s = (time.monotonic() - began_s) / _TIMED * len(FINE) * _FITS
         most = int(np.clip(_SHARE * seconds / each_s, _FEWEST_PICTURES, _MOST_PICTURES))
         return self._spread(most)
 

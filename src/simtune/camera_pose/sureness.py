@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.special import stdtrit
 
-from simtune.camera_pose.search import Found
+from simtune.camera_pose.found import Bend, Found
 from simtune.camera_pose.tracking import Agreement, Fit
 
 _ALIKE = 30.0  # points with errors so correlated, within and between frames, that they count as one
@@ -12,6 +12,8 @@ _SWOLLEN_PX = 0.3  # by which all outlines may be too large or too small: dark r
 # found, .15 to .3 for a real one, up to .06 for wrong ones.
 _BY_CHANCE = 0.1
 _CLUSTERS = 8  # of consecutive frames, within which errors are correlated
+# Of a 90 % interval, in standard deviations (Student's t)
+HALF_WIDTH = float(stdtrit(_CLUSTERS - 1, 0.95))
 
 
 def spread(found: Found) -> np.ndarray:
@@ -22,8 +24,18 @@ def spread(found: Found) -> np.ndarray:
     if is_by_chance(found.agreement):
         return np.ones(len(found.fit.unit))
     ends = np.square(found.ends - found.fit.unit).mean(0)
-    variance = np.diag(covariance(found.fit)) + ends
-    return np.minimum(float(stdtrit(_CLUSTERS - 1, 0.95)) * np.sqrt(variance), 1.0)
+    variance = np.diag(covariance(found.fit))
+    if found.bend:
+        variance = np.maximum(variance, _with_lens(found.bend, found.is_bent))
+    return np.minimum(HALF_WIDTH * np.sqrt(variance + ends), 1.0)
+
+
+def _with_lens(bend: Bend, is_bent: bool) -> np.ndarray:
+    """(P,) variances where k1 is not known; not `is_bent`: it is within what is usual."""
+    information = np.linalg.inv(covariance(bend.fit))
+    if not is_bent:
+        information[-1, -1] += (bend.k1_range / bend.k1_usual) ** 2
+    return np.diag(np.linalg.inv(information))[:-1]
 
 
 def is_by_chance(agreement: Agreement) -> bool:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from simtune.camera_pose.bending import BentGeometry, BentRobot
 from simtune.camera_pose.film import Film
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
@@ -61,9 +62,19 @@ class Agreement(NamedTuple):
 class Tracker:
     """For frames of a film with the robot in known states."""
 
-    def __init__(self, film: Film, robot: Robot, geometry: CameraGeometry, which: np.ndarray):
+    def __init__(
+        self,
+        film: Film,
+        robot: Robot | BentRobot,
+        geometry: CameraGeometry | BentGeometry,
+        which: np.ndarray,
+    ):
         """`which`: (M,) states of the robot, for the film's M frames."""
         self._film, self._robot, self._geometry, self._which = film, robot, geometry, which
+
+    def before(self, robot: BentRobot, geometry: BentGeometry) -> "Tracker":
+        """The same film, for a robot before another kind of camera."""
+        return Tracker(self._film, robot, geometry, self._which)
 
     def fit(self, start: np.ndarray, off_px: tuple[float, ...]) -> Fit | None:
         """From a camera (P,), an iteration per `off_px`; None if the robot is out of sight."""

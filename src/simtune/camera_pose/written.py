@@ -36,6 +36,7 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
     return plain(
         {
             "camera": task.cameras[0].name,
+            "is_found": not is_by_chance(found.agreement),
             "position_m": given.pos.tolist(),
             "quat": lens.from_region(given.quat) if lens else given.quat.tolist(),
             **where,
@@ -65,13 +66,14 @@ def _warnings(task: Task, found: Found) -> list[str]:
 
 
 def lines(result: dict[str, Any], path: object) -> list[str]:
-    """Lines to print."""
+    """Lines to print; `path`: of the file that a camera that is found is written to."""
     rows = [
         f"{name:22s} {p['mean']:10.4g} {p['unit']:4s} {p['low']:.4g} to {p['high']:.4g}"
         for name, p in result["parameters"].items()
     ]
     said = f"camera {result['camera']}, by {result['frames']} frames"
-    return [said, *rows, *(f"warning: {w}" for w in result["warnings"]), f"written to {path}"]
+    end = f"written to {path}" if result["is_found"] else f"not found: nothing is written to {path}"
+    return [said, *rows, *(f"warning: {w}" for w in result["warnings"]), end]
 
 
 def tuning_table(result: dict[str, Any]) -> str:

@@ -19,6 +19,8 @@ _SQUARE, _MIDDLE_PX = 1e-3, 0.5  # tolerances for square pixels (relative) and f
 _BORDER = np.linspace(-1, 1, 65)  # places along each side that have to be within the picture
 _BEYOND_PX = 0.01  # that a border may leave it, for rounding
 _SHARES = np.linspace(1, 0, 1001)  # of a rectified picture's sides, that are tried
+# Of a picture's side, by its focal length; a fisheye lens of 180° has 115°
+_NARROWEST_DEG, _WIDEST_DEG = 5.0, 140.0
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,23 @@ class Lens:
         return math.degrees(2 * math.atan(self.height / 2 / self.fy))
 
     def check(self) -> None:
-        """Raises InputError for a lens that gives no picture."""
+        """Raises InputError for a lens that gives no picture, or one of an implausible angle."""
+        if self.is_calibrated:
+            self._check_angles()
         _ = self.half_sides
+
+    def _check_angles(self) -> None:
+        for name, side, (pixels, _, focal) in zip(
+            ("fx", "fy"), ("width", "height"), self._axes, strict=True
+        ):
+            angle_deg = math.degrees(2 * math.atan(pixels / 2 / focal))
+            if not _NARROWEST_DEG <= angle_deg <= _WIDEST_DEG:
+                raise InputError(
+                    f"{name} of {focal:g} pixels and a {side} of {pixels} make a field of view of "
+                    f"{angle_deg:.3g}°; expected {_NARROWEST_DEG:g} to {_WIDEST_DEG:g}°: is {name} "
+                    "of a picture of another size? Give width and height of the pictures that it "
+                    "was calibrated with"
+                )
 
     @functools.cached_property
     def turn(self) -> Rotation:
@@ -164,6 +181,16 @@ class Lens:
         """
         seen = distort(self.distortion, self._ahead(points))
         return seen * [self.fx, self.fy] + [self.cx + 0.5, self.cy + 0.5]
+
+    def bent(self, points: np.ndarray, k1: float) -> np.ndarray:
+        """(..., 2) points of the rectified picture to where k1 on top of the distortion puts them.
+
+        About the lens's own axis, wherever the rectified picture's middle is.
+        """
+        seen = distort((k1, 0.0, 0.0, 0.0, 0.0), self._ahead(points))
+        back = np.concatenate([seen, np.ones_like(seen[..., :1])], -1)
+        back = self.turn.inv().apply(back.reshape(-1, 3)).reshape(back.shape)
+        return back[..., :2] / back[..., 2:]
 
     def _ahead(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) points of the rectified picture to directions before the lens."""

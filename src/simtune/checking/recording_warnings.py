@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from simtune.checking.servos.doubt import Doubt, grouped
 from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.fit import FEWEST_STEPS
+from simtune.recordings.controllers import named_in
 from simtune.recordings.source import short
 from simtune.recordings.unused_steps import of_lengths, of_unfilmed
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
@@ -65,6 +67,7 @@ def warnings(
         if facts["cameras"]:  # readings use all steps
             found += of_lengths(lengths, facts.get("names", ()), facts.get("names_left_out", ()))
         found += _of_short(lengths, facts.get("names", ()), are_filmed=bool(facts["cameras"]))
+    found += _of_controller(task, facts, recorded)
     found += _of_order(facts.get("action_names", ()), task.load_actions().names)
     return found + _of_actions(task, np.concatenate(recorded))
 
@@ -149,6 +152,20 @@ def too_short(num_steps: int, *, are_filmed: bool) -> list[str]:
 def _fewest_steps(*, are_filmed: bool) -> int:
     """Of an episode that can be tuned to."""
     return SHORTEST_STEPS if are_filmed else FEWEST_STEPS
+
+
+def _of_controller(
+    task: AnyTask, facts: Mapping[str, Any], recorded: Sequence[np.ndarray]
+) -> list[str]:
+    """On actions that look like those of a controller which the recordings name.
+
+    Such a controller takes numbers from -1 to 1; torques and positions of arms are larger.
+    """
+    own_scale = max(np.abs(actions).max(initial=0) for actions in recorded)
+    if own_scale > 1 or task.load_actions().is_relative:
+        return []
+    controller = named_in(Path(facts.get("folder", "")))
+    return [f"actions may not be what actuators are sent: {controller}"] if controller else []
 
 
 def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:

@@ -1,7 +1,7 @@
 """Which geoms touch in replays of recordings: a contact that the robot does not have misleads."""
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -12,9 +12,11 @@ from simtune.columns import counted, cut
 from simtune.fit import OpenLoopReplay
 from simtune.fit.readings.stretches import Stretches
 from simtune.parameters import ModelWriter
+from simtune.simulation.loose_objects import loose_joints
 
 _MOST_TOLD, _MOST_NAMED = 3, 4  # groups of geoms; geoms or episodes in each
 _RESTS_S = 0.05  # what touches from so early on has begun there
+_WORLD, _MOVES = -1, -2  # in place of a tree's number: MuJoCo's, and that of a mocap body or flex
 _FREE, _SLIDE = mujoco.mjtJoint.mjJNT_FREE.value, mujoco.mjtJoint.mjJNT_SLIDE.value
 
 
@@ -31,7 +33,8 @@ def touching(
     """In replays of whole episodes, or their beginnings, from (E, nq + nv) states.
 
     At (N,) unit coordinates. What touches first comes first. What a robot stands on in all of them
-    from the beginning, such as its feet or wheels on a floor, is left out.
+    from the beginning, such as its feet or wheels on a floor, is left out. So are loose objects
+    that the robot does not touch: some were put away, and fall there.
     """
     physics, space = loop.physics, loop.physics.parameters
     units = np.repeat(unit[None, : len(space)], len(states), 0)
@@ -44,6 +47,8 @@ def touching(
     for (episode, row), contacts in zip(places, each, strict=True):
         for pair in contacts.geoms[contacts.exclude == 0].tolist():
             found.setdefault(_ordered(model, *pair), {}).setdefault(episode, row)
+    on_its_own = _untouched(model, found)
+    found = {pair: rows for pair, rows in found.items() if not on_its_own.issuperset(pair)}
     in_time = sorted(found.items(), key=lambda item: min(item[1].values()))
     early = _RESTS_S / physics.simulator.step_s
     in_time = [
@@ -76,6 +81,26 @@ def _rows(whole: Stretches) -> np.ndarray:
     """(E,) rows until the last reading: shorter episodes are padded."""
     is_read = np.asarray(np.isfinite(whole.values).any(-1))
     return is_read.shape[1] - is_read[:, ::-1].argmax(1)
+
+
+def _untouched(model: mujoco.MjModel, pairs: Collection[tuple[int, int]]) -> set[int]:
+    """The world's geoms, and those of loose objects which nothing else of these pairs moves.
+
+    Something else is a robot, or an object that a robot moves.
+    """
+    loose = set(model.body_treeid[model.jnt_bodyid[loose_joints(model)]].tolist())
+    body = model.geom_bodyid
+    is_mocap = model.body_mocapid[model.body_rootid[body]] >= 0
+    trees = [*np.where(is_mocap, _MOVES, model.body_treeid[body]).tolist(), _MOVES]  # a flex's last
+    alone = loose | {_WORLD}
+    while reached := {
+        trees[geom]
+        for pair in pairs
+        if not alone.issuperset(trees[its] for its in pair)
+        for geom in pair
+    } & (alone - {_WORLD}):
+        alone -= reached
+    return {geom for geom in range(model.ngeom) if trees[geom] in alone}
 
 
 def _stands(model: mujoco.MjModel, one: int, other: int) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from simtune.columns import cut
 from simtune.errors import InputError, UnknownName
+from simtune.recordings import controllers
 
 
 @dataclass(frozen=True)
@@ -202,15 +203,22 @@ def choose_actions(
             raise InputError(f"{source.path}: action {name!r} is asked for twice; name it once")
     chosen = [known.index(name) for name in names] if names else list(range(len(known)))
     if num_actions is not None and len(chosen) != num_actions:
-        hint = (
-            "is it of another robot?" if known else "a CSV beside each video has a column of each"
-        )
-        if names or len(known) > num_actions:
-            hint = (
-                "name the task's, in its order, by --actions NAME,NAME,...; in a CSV, columns that "
-                "were measured are called measured.NAME"
-            )
+        hint = _hint(source, num_actions, is_chosen=bool(names))
         there = f"{len(known)} ({short(known)})" if known else "none"
         has = f"--actions names {len(chosen)} of {there}" if names else f"the recording has {there}"
         raise InputError(f"{source.path}: the task takes {num_actions} actions, {has}; {hint}")
     return chosen
+
+
+def _hint(source: Source, num_actions: int, *, is_chosen: bool) -> str:
+    """What to do where a recording has another number of actions than the task."""
+    if not source.action_names:
+        return "a CSV beside each video has a column of each"
+    if not is_chosen and (controller := controllers.named_in(source.path)):
+        return controller
+    if is_chosen or len(source.action_names) > num_actions:
+        return (
+            "name the task's, in its order, by --actions NAME,NAME,...; in a CSV, columns that "
+            "were measured are called measured.NAME"
+        )
+    return "is it of another robot?"

@@ -9,17 +9,19 @@ from simtune.checking.film.features import Features, describe, likeness
 from simtune.checking.film.library import Library, brought_to_size
 
 _BETTER = 1.1  # factor by which two films must be more alike in each other's place
+_SAME_SHAPE = 1.1  # factor between widths over heights: a lens makes 4:3 a little wider
 
 
 def exchanged(films: Sequence[np.ndarray], libraries: Sequence[Library]) -> dict[int, int]:
     """{camera: whose film it seems to have instead}, both ways; a camera each.
 
-    Films are (E, K, H, W, 3) uint8. Those of other shapes are not tried in a camera's place.
+    Films are (E, K, H, W, 3) uint8. Those of another shape, wide or upright, are not tried in a
+    camera's place.
     """
     pictures = [describe(np.stack([brought_to_size(its) for its in film])) for film in films]
     found: dict[int, int] = {}
     for i, j in combinations(range(len(films)), 2):
-        if films[i].shape[2:] != films[j].shape[2:] or {i, j} & found.keys():
+        if not _are_of_one_shape(films[i], films[j]) or {i, j} & found.keys():
             continue
         alike = np.array(
             [[_motion_alike(pictures[a], libraries[b]) for b in (i, j)] for a in (i, j)]
@@ -28,6 +30,11 @@ def exchanged(films: Sequence[np.ndarray], libraries: Sequence[Library]) -> dict
         if (other > own).all() and other.sum() > _BETTER * own.sum():
             found |= {i: j, j: i}
     return found
+
+
+def _are_of_one_shape(one: np.ndarray, other: np.ndarray) -> bool:
+    a, b = (film.shape[3] / film.shape[2] for film in (one, other))
+    return max(a, b) <= _SAME_SHAPE * min(a, b)
 
 
 def _motion_alike(pictures: Features, library: Library) -> float:

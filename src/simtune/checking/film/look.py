@@ -18,18 +18,13 @@ from simtune.checking.film.film_warnings import warnings
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.painted import hidden_background, painted_over
 from simtune.checking.film.picture import draw_film, named, new_file
-from simtune.checking.film.resting import resting_parts
+from simtune.checking.film.resting import in_words, resting_parts
 from simtune.checking.film.turned import Turned, turned
 from simtune.config import CheckConfig
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
 from simtune.tasks import Task
 
-_RESTS = (
-    "the background shows what moves: {}, which rests in most frames; when it moves, the simulator "
-    "shows it twice: give a picture of the scene without it as background, or record episodes in "
-    "which it rests less"
-)
 _NOT_MODELLED = 'where the room around is not in the model, say background = "unknown"'
 
 
@@ -57,7 +52,7 @@ def look_at(
     libraries = make_libraries(simulator, actions[: len(films[0].frames)], config.seed)
     if not libraries:
         return {}, ["the film was not looked at: nearly all of the simulator's worlds diverge"]
-    instead = _exchanged(films, libraries, simulator)
+    instead = _exchanged(films, libraries)
     turns = _turned(films, simulator, as_read)
     odds = _at_odds(films, simulator, recorded, config.seed, {*instead, *turns})
     facts, found = {}, []
@@ -77,25 +72,22 @@ def look_at(
         view = film.view
         if (
             warned
-            and not (turn or odd)
+            and not (other or turn or odd)
             and not view.background_is_unknown
             and camera_moves(simulator.model, view.camera)
         ):
             warned = [f"{warned[0]}; {_NOT_MODELLED}"]
         if other is None and (rest := resting_parts(simulator, library, i)):
-            warned = [*warned, _RESTS.format(", ".join(rest))]
+            warned = [*warned, in_words(rest)]
         warned = [*warned, *hidden]
         found += [f"camera {film.name}: {warning}" for warning in warned] if which else warned
     return facts, found
 
 
-def _exchanged(
-    films: list[CameraFilm], libraries: list[Library], simulator: Simulator
-) -> dict[str, str]:
-    """{still camera: whose film it seems to have instead}."""
-    still = _still(films, simulator)
-    pairs = exchanged([films[i].frames for i in still], [libraries[i] for i in still])
-    return {films[still[i]].name: films[still[j]].name for i, j in pairs.items()}
+def _exchanged(films: list[CameraFilm], libraries: list[Library]) -> dict[str, str]:
+    """{camera: whose film it seems to have instead}."""
+    pairs = exchanged([film.frames for film in films], libraries)
+    return {films[i].name: films[j].name for i, j in pairs.items()}
 
 
 def _turned(

@@ -1,5 +1,7 @@
 """Parts that a background of the recordings shows, too, because they rest most of the time."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from simtune.before_after.moving_parts import part_name
@@ -41,6 +43,19 @@ def resting_parts(simulator: Simulator, library: Library, view: int) -> list[str
         if _edges_agree(still, frames[nearest], corners[nearest]) > _SHOWN:
             found.append(name)
     return found
+
+
+def in_words(names: Sequence[str]) -> str:
+    """A warning of `resting_parts`, at least one."""
+    one = len(names) == 1
+    rest, it, moves, them = (
+        ("rests", "it", "moves", "it") if one else ("rest", "they", "move", "them")
+    )
+    return (
+        f"the background shows what moves: {', '.join(names)}, which {rest} in most frames; when "
+        f"{it} {moves}, the simulator shows {them} twice: give a picture of the scene without "
+        f"{them} as background, or record episodes in which {it} {rest} less"
+    )
 
 
 def _corners_px(simulator: Simulator, states: np.ndarray, view: int) -> dict[str, np.ndarray]:
