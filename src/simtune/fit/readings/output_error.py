@@ -119,10 +119,11 @@ class OutputErrorMethod:
         `full_s`: an iteration with all derivatives, as far as is known. None is begun that would
         not end in time.
         """
-        damping, loop, refreshed_s = FIRST_DAMPING, self._loop, 0.0
+        damping, loop, refreshed_s, is_over = FIRST_DAMPING, self._loop, 0.0, False
         groups = Groups.of(descent.slopes, descent.noise) if descent.slopes else None
         for number in range(1, iterations + 1):
-            began_s, is_full = time.monotonic(), groups is None or number % _RENEWED_EVERY == 0
+            began_s = time.monotonic()
+            is_full = groups is None or is_over or number % _RENEWED_EVERY == 0
             if budget.is_over or (full_s if is_full else refreshed_s) > budget.seconds_left:
                 return replace(descent, is_cut_off=True)
             at = descent.objective.difference_point(descent.point)
@@ -134,7 +135,8 @@ class OutputErrorMethod:
             descent, damping, is_over = stepped(descent, slopes, damping)
             took_s = time.monotonic() - began_s
             full_s, refreshed_s = (took_s, refreshed_s) if is_full else (full_s, took_s)
-            if is_over:
+            # In whole episodes old derivatives may be what holds it up; others are first guesses
+            if is_over and (is_full or not descent.objective.stretches.goes_on):
                 break
         return descent
 
