@@ -385,10 +385,10 @@ class Late(Rough):
 
 
 @pytest.mark.parametrize(
-    ("late", "steps", "found"), [(2.2, 1, 2), (1.1, 2, 1), (1.5, 1, 1), (9.0, 1, 2), (0.2, 0, 0)]
+    ("late", "steps", "found"), [(2.2, 1, 2), (1.1, 2, 1), (1.5, 1, 1), (9.0, 1, 9), (0.2, 0, 0)]
 )
-def test_a_lateness_that_ends_at_an_end_goes_on_to_the_next_step(late, steps, found):
-    """From .75 steps on: 1 + .75 hides .45 of 2.2 steps, which other parameters would explain."""
+def test_a_lateness_of_over_half_a_step_goes_on_to_the_next_ones(late, steps, found):
+    """1 + .75 hides .45 of 2.2 steps, which other parameters would explain; 9 are seven further."""
     fit = Late(None, sensor())
     fit.late, values = late, np.zeros((1, 100, 1))
     values[0, 10] = 1
