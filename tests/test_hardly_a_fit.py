@@ -47,3 +47,19 @@ def test_nothing_of_fits_is_said_where_none_is_possible(context, tiny, caplog):
         other = SimpleNamespace(measure_time=None)  # of readings alone, or by the paper
         tuning_run._say_if_unfitted(other, 6.0, 20.0, TimeNeeded(250.0, 1309.0))
     assert not caplog.text
+
+
+def test_time_that_readings_take_first_is_no_time_for_a_fit(context, tiny, caplog):
+    search = PosteriorSearch(context, tiny)
+    search.context = SimpleNamespace(
+        can_fit=True, observation=SimpleNamespace(sensors=("encoders",))
+    )
+    with caplog.at_level("INFO", "simtune"):
+        for first_s in (0.0, 50.0, 1e4):  # of 393 s of 1309; 10⁴ s are half of 414 s at most
+            tuning_run._say_if_unfitted(
+                search, 6.9, 20.0, TimeNeeded(250.0, 1309.0, first_s=first_s)
+            )
+            said, is_first = caplog.text, first_s == 0
+            assert ("hardly time to fit anything" not in said) == is_first
+            caplog.clear()
+    assert "A fit needs --budget-minutes 15" in said

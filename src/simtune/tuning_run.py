@@ -139,16 +139,24 @@ def _refuse_if_too_short(minutes: float, other_s: float, needed: TimeNeeded) -> 
             f"verdicts need --budget-minutes {whole_minutes}, an answer --budget-minutes "
             f"{enough:g} or more" + (f". {needed.mostly}" if needed.mostly else "")
         )
-    enough_s, shortened = whole_s + other_s, ""
+    first_s = _first_s(minutes, needed)
+    other_s += first_s
+    enough_s, said = whole_s + other_s, f", after {first_s:.0f} s for readings" * bool(first_s)
     if 60 * minutes < _HARDLY_ENOUGH * whole_s + other_s:
-        shortened = _UNJUDGED.format(minutes, math.ceil(enough_s / 60))
+        said += _UNJUDGED.format(minutes, math.ceil(enough_s / 60))
     elif 60 * minutes < enough_s:
-        shortened = _SHORTENED.format(minutes)
-    log.info("a round takes about %.0f s here%s", whole_s, shortened)
+        said += _SHORTENED.format(minutes)
+    log.info("a round takes about %.0f s here%s", whole_s, said)
+
+
+def _first_s(minutes: float, needed: TimeNeeded) -> float:
+    """Seconds before the first round: readings are left half of all time at most."""
+    return min(needed.first_s, 60 * minutes / 2)
 
 
 def _say_if_unfitted(search: Search, minutes: float, other_s: float, needed: TimeNeeded) -> None:
     """If networks alone will probably have the say, though a fit is possible."""
+    other_s += _first_s(minutes, needed)
     left_s, whole_s = 60 * minutes - other_s, needed.whole_s
     if not isinstance(search, PosteriorSearch) or not search.context.can_fit:
         return

@@ -126,7 +126,8 @@ class PosteriorSearch(Search):
             picture_s=pace.frame_s + pace.detect_s,
         )
         check_s = pace.check_s(work, bool(self.context.observation.sensors)) * can_fit
-        return TimeNeeded(times.least_s, times.whole_s, check_s, pace.mostly(least, work))
+        first_s, mostly = self._readings_first.measure_s(real), pace.mostly(least, work)
+        return TimeNeeded(times.least_s, times.whole_s, check_s, mostly, first_s)
 
     def run_round(
         self,

@@ -35,6 +35,7 @@ class TimeNeeded(NamedTuple):
     whole_s: float
     check_s: float = 0.0  # of what `simtune check` would say
     mostly: str = ""  # what takes most of the smallest one, and what would help
+    first_s: float = 0.0  # of what comes before the first round, at most half of all time
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,12 @@ class ReadingsFirst:
         # same ones again
         self._num_episodes = 0
 
+    def measure_s(self, real: list[Trajectory]) -> float:
+        """Seconds that `fit` would usually take, if there were enough."""
+        if not self._context.can_fit or not (found := search_of(self._context, real)):
+            return 0.0
+        return found[0].measure_time(real).whole_s
+
     def fit(
         self, real: list[Trajectory], round_s: float, budget: Budget
     ) -> ReadingsEstimate | None:
