@@ -8,6 +8,7 @@ import pytest
 
 from simtune.budget import Budget
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit.readings.segments import Segments
 from simtune.real.observed import observed
 from simtune.tasks import load_task
 
@@ -58,12 +59,11 @@ NOISE = np.array([5e-4, 5e-4, 2e-3])
 HOVER = 9.81 / 24
 
 
-@pytest.mark.parametrize("away", [0.06, -0.06])
-def test_derivatives_that_are_wrong_do_not_hold_a_descent_up(tmp_path: Path, away: float):
-    """In a group, those that are no reading's main ones are kept, but for a few iterations only."""
-    (tmp_path / "scene.xml").write_text(SCENE)
-    (tmp_path / "tune.toml").write_text(TUNE)
-    task, rng = load_task(str(tmp_path / "tune.toml")), np.random.default_rng(0)
+def flown(folder: Path) -> tuple[OutputErrorMethod, Readings, np.ndarray]:
+    """A method, readings of four flights of .8 s, and what they were flown with."""
+    (folder / "scene.xml").write_text(SCENE)
+    (folder / "tune.toml").write_text(TUNE)
+    task, rng = load_task(str(folder / "tune.toml")), np.random.default_rng(0)
     simulator, nominal = task.simulator(image_size=16), task.parameters.nominal
     lift, turn = np.repeat(rng.normal(size=(2, 4, 10, 1)), 4, 2)
     actions = HOVER * (1 + 0.1 * lift) + 0.03 * turn * [1, -1]
@@ -73,7 +73,13 @@ def test_derivatives_that_are_wrong_do_not_hold_a_descent_up(tmp_path: Path, awa
     readings = Readings(actions, places + NOISE * rng.normal(size=places.shape))
     seen, unit = observed(task, None, is_simulated=False), task.parameters.to_unit(nominal)
     loop = OpenLoopReplay.of(simulator, seen, nominal)
-    method, stage = OutputErrorMethod(loop, np.zeros(3, bool), unit), ReplayStage(15)
+    return OutputErrorMethod(loop, np.zeros(3, bool), unit), readings, unit
+
+
+@pytest.mark.parametrize("away", [0.06, -0.06])
+def test_derivatives_that_are_wrong_do_not_hold_a_descent_up(tmp_path: Path, away: float):
+    """In a group, those that are no reading's main ones are kept, but for a few iterations only."""
+    (method, readings, unit), stage = flown(tmp_path), ReplayStage(15)
     best = method.descend(readings, Guess(unit, np.zeros(3)), stage, Budget())
     assert best.slopes is not None
     wrong = replace(best, slopes=best.slopes._replace(by_start=0 * best.slopes.by_start))
@@ -81,3 +87,17 @@ def test_derivatives_that_are_wrong_do_not_hold_a_descent_up(tmp_path: Path, awa
     again = method.descend(readings, begin, stage, Budget(), wrong)
     assert again.log_rms == pytest.approx(best.log_rms, abs=1e-3)
     np.testing.assert_allclose(again.unit, best.unit, atol=1e-3)
+
+
+@pytest.mark.parametrize("away", [0.06, -0.06])
+def test_motors_run_where_a_segment_begins_as_the_lag_that_is_found_has_it(tmp_path, away):
+    """As the first guess of a lag has it, the descent would end next to that."""
+    method, readings, unit = flown(tmp_path)
+    parts = Segments(np.repeat(np.arange(4), 4), np.tile([0, 10, 20, 30], 4), np.full(16, 10))
+    stage = ReplayStage(15, segments=parts)
+    first, other = (
+        method.descend(readings, Guess(unit + np.array([0, 0, off]), np.zeros(3)), stage, Budget())
+        for off in (0.0, away)
+    )
+    assert other.unit[2] == pytest.approx(first.unit[2], abs=3e-3)
+    assert other.unit[2] == pytest.approx(unit[2], abs=0.01)

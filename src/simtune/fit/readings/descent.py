@@ -44,6 +44,11 @@ class Descent:
         known = np.isfinite(self.objective.stretches.values).sum((0, 1))
         return float(np.average(np.log(self.noise), weights=known))
 
+    def with_actuator_states(self, left: np.ndarray) -> "Descent":
+        """With other (W, S) states where stretches begin, as earlier actions left them."""
+        stretches = self.objective.stretches._replace(actuator_states=left)
+        return replace(self, objective=replace(self.objective, stretches=stretches))
+
 
 def stepped(start: Descent, slopes: StretchSlopes, damping: float) -> tuple[Descent, float, bool]:
     """One Gauss-Newton step with derivatives at the start.

@@ -17,6 +17,7 @@ measurement, with τ_d its integrated autocorrelation time.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -95,7 +96,15 @@ class OutputErrorMethod:
         )
         begun = Descent(objective, objective.begin(begin), noise, near and near.slopes)
         full_s = self.num_worlds(touches) * played_s
-        return self._iterate(begun, stage.iterations, budget, full_s)
+
+        def cut_again(descent: Descent) -> Descent:
+            unit, offsets = descent.guess
+            left = loop.cut_at(readings, unit, offsets, segments, stage.goes_on).actuator_states
+            return descent.with_actuator_states(left)
+
+        depends = stage.goes_on and segments.begin.any() and loop.remembers_actions
+        again = cut_again if depends else None
+        return self._iterate(begun, stage.iterations, budget, full_s, again)
 
     def follow(self, readings: Readings, guess: Guess) -> Segments:
         """Whole episodes, or the segments of them that replay can follow."""
@@ -112,12 +121,18 @@ class OutputErrorMethod:
         return 1 + num * (1 + touches) + len(self._loop.measured.start_tangents)
 
     def _iterate(
-        self, descent: Descent, iterations: int, budget: Budget, full_s: float = 0.0
+        self,
+        descent: Descent,
+        iterations: int,
+        budget: Budget,
+        full_s: float = 0.0,
+        cut_again: Callable[[Descent], Descent] | None = None,
     ) -> Descent:
         """Iterate; if derivatives near by are known, mostly refresh them by groups of unknowns.
 
         `full_s`: an iteration with all derivatives, as far as is known. None is begun that would
-        not end in time.
+        not end in time. `cut_again`: with what earlier actions left behind where segments begin,
+        which depends on a lag; else the one that a descent begins with would pull it back.
         """
         damping, loop, refreshed_s, is_over = FIRST_DAMPING, self._loop, 0.0, False
         groups = Groups.of(descent.slopes, descent.noise) if descent.slopes else None
@@ -126,6 +141,8 @@ class OutputErrorMethod:
             is_full = groups is None or is_over or number % _RENEWED_EVERY == 0
             if budget.is_over or (full_s if is_full else refreshed_s) > budget.seconds_left:
                 return replace(descent, is_cut_off=True)
+            if is_full and number > 1 and cut_again:
+                descent = cut_again(descent)
             at = descent.objective.difference_point(descent.point)
             if is_full or descent.slopes is None or groups is None:
                 slopes = differentiate(loop, at, one_sided=True)
