@@ -99,6 +99,11 @@ class Physics:
         self._budget.check()
         return self.simulator.render(full_states, parameters)
 
+    @property
+    def remembers_actions(self) -> bool:
+        """Whether earlier actions leave something behind, as in motors that lag."""
+        return bool(self.simulator.model.na or self.simulator.model.nhistory)
+
     def replay_actuators(
         self, actions: np.ndarray, states: np.ndarray, unit: np.ndarray
     ) -> np.ndarray:
@@ -110,8 +115,8 @@ class Physics:
         depend on the motion, for which (E, T + 1, nq + nv) guesses at the states are used.
         """
         num_episodes, num_steps, _ = actions.shape
-        model, simulator = self.simulator.model, self.simulator
-        if not model.na and not model.nhistory:
+        simulator = self.simulator
+        if not self.remembers_actions:
             shape = (num_episodes, num_steps + 1, len(self._full_state))
             return np.broadcast_to(self._full_state, shape)
         worlds = np.repeat(self.parameters.from_unit(unit)[None], num_episodes, 0)

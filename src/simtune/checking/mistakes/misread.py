@@ -52,15 +52,23 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
         return []
     if loop.measured.bases:  # which stand: no zero is so far off that they lie or hang
         tried = [change for change in tried if (np.abs(change.shift) < _LYING).all()]
-    replays = ShortReplays(loop, unit)
-    return _changed(replays, readings, tried) or _unexplained(replays, readings, simulator)
-
-
-def _changed(replays: ShortReplays, readings: Readings, tried: list[Change]) -> list[str]:
-    """A sentence on changes that help, made one after the other as long as any does."""
-    began_s = time.monotonic()
-    first = left = replays.left(readings)
+    replays, began_s = ShortReplays(loop, unit), time.monotonic()
+    left = replays.left(readings)
     takes_s = time.monotonic() - began_s
+    if left <= _WELL:
+        return []
+    changed = _changed(replays, readings, tried, left, takes_s)
+    return changed or _unexplained(replays, readings, simulator)
+
+
+def _changed(
+    replays: ShortReplays, readings: Readings, tried: list[Change], left: float, takes_s: float
+) -> list[str]:
+    """A sentence on changes that help, made one after the other as long as any does.
+
+    `left`: of the readings as they are, in `takes_s` seconds.
+    """
+    first = left
     tried = _in_time(tried, takes_s * FEW_PIECES / replays.num_pieces)
     scale, found = np.ones(readings.values.shape[-1]), dict[str, _Found]()
     for _ in range(_MOST_MISTAKES):

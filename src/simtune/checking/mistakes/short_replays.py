@@ -23,14 +23,14 @@ _SIZES = (1 / 3, 1 / 2, 1.0, 2.0, 3.0)  # of what actions do, in those of the mo
 _NEARER = (1.3, 1.14, 1.07, 1.03)  # factors from the best of these to one nearer
 _LIKELY = 10  # changes
 _LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
-_MOST = (
-    10.0  # squared deviations, in those of uniform motion: a reading counts as this many at most
-)
+_MOST = 10.0  # squared deviations, in those of uniform motion, that a reading counts as at most
 _CLEARLY = 3.0  # times what noise of the first readings makes of a speed
 _AS_WELL = 1.05  # times what the best change leaves: another one may be meant
 
 
 class ShortReplays(NamedTuple):
+    """Of readings, or of changed ones, in a world of these parameters."""
+
     loop: OpenLoopReplay
     unit: np.ndarray  # (N,)
 

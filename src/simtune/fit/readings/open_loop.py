@@ -83,12 +83,6 @@ class OpenLoopReplay:
         return math.ceil(simulator.held.unsettled_s / simulator.step_s)
 
     @property
-    def remembers_actions(self) -> bool:
-        """Whether earlier actions leave something behind, as in motors that lag."""
-        model = self.physics.simulator.model
-        return bool(model.na or model.nhistory)
-
-    @property
     def may_touch(self) -> bool:
         """Whether contacts are possible."""
         no_contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT.value

@@ -98,11 +98,10 @@ class OutputErrorMethod:
         full_s = self.num_worlds(touches) * played_s
 
         def cut_again(descent: Descent) -> Descent:
-            unit, offsets = descent.guess
-            left = loop.cut_at(readings, unit, offsets, segments, stage.goes_on).actuator_states
-            return descent.with_actuator_states(left)
+            read = loop.states_of(readings, *descent.guess)
+            return descent.with_actuator_states(read.cut(segments).actuator_states)
 
-        depends = stage.goes_on and segments.begin.any() and loop.remembers_actions
+        depends = stage.goes_on and segments.begin.any() and loop.physics.remembers_actions
         again = cut_again if depends else None
         return self._iterate(begun, stage.iterations, budget, full_s, again)
 
