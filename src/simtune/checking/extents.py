@@ -2,8 +2,6 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
-from itertools import product
 
 import mujoco
 import numpy as np
@@ -12,7 +10,7 @@ from simtune.before_after.moving_parts import part_name
 from simtune.cameras.views import View
 from simtune.parameters import Parameter
 from simtune.simulation import Simulator
-from simtune.vision.keypoints import Keypoints, candidate_keypoints, is_drawn
+from simtune.vision.corners import corners_of_parts
 
 _STEPS, _EPISODES = 12, 4  # used at most
 FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
@@ -23,7 +21,6 @@ _NOTHING = (
     "recordings where it has left the picture"
 )
 _MULTIPLE_PX = 8  # of a proposed height
-_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # of a box
 _OWNERS = {"geom": "geom_bodyid", "jnt": "jnt_bodyid", "dof": "jnt_bodyid", "site": "site_bodyid"}
 
 
@@ -55,7 +52,7 @@ def corners_px(
 
     Of nominal worlds, and of what moves before a view's camera.
     """
-    corners = _corners_of_parts(simulator.model, views, simulator.image_size)
+    corners = corners_of_parts(simulator.model, views, simulator.image_size)
     if not len(corners):
         return {}
     worlds = np.tile(simulator.space.nominal, (len(states), 1))
@@ -136,17 +133,6 @@ def bodies_of(model: mujoco.MjModel, parameter: Parameter) -> list[int]:
         return []
     ids = [mujoco.mj_name2id(model, kind.mjt, name) for name in parameter.objects]
     return ids if prefix == "body" else getattr(model, _OWNERS[prefix])[ids].tolist()
-
-
-def _corners_of_parts(model: mujoco.MjModel, views: Sequence[View], image_size: int) -> Keypoints:
-    """Corners of the bounding boxes of all geoms that move before a camera."""
-    candidates = candidate_keypoints(model, views, image_size)
-    pairs = np.unique(np.stack([candidates.views, candidates.geoms], 1), axis=0)
-    pairs = pairs[is_drawn(model)[pairs[:, 1]]]
-    views, geoms = np.repeat(pairs, len(_CORNERS), 0).T
-    middle, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
-    offsets = middle + half * np.tile(_CORNERS, (len(pairs), 1))
-    return replace(candidates, geoms=geoms, offsets=offsets, views=views)
 
 
 def across(pixels: np.ndarray) -> np.ndarray:

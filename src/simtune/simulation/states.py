@@ -46,6 +46,14 @@ class StateSpace:
         """Length of a tangent."""
         return 2 * self.nv
 
+    @property
+    def largest_change(self) -> np.ndarray:
+        """(2 nv,) half a turn where one more changes nothing, else without an end."""
+        largest = np.full(self.num_tangent, np.inf)
+        turns = [self._endless[:, 1], *(np.arange(v, v + 3) for _, v in self._quaternions)]
+        largest[np.concatenate(turns)] = np.pi
+        return largest
+
     def positions_and_velocities(self, full_states: np.ndarray) -> np.ndarray:
         """(..., nq + nv) of (..., S) full states; a view."""
         return full_states[..., self._moving]

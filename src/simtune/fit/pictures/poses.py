@@ -11,6 +11,7 @@ from simtune.simulation import StateSpace
 # Places that show what changes between places; uneven, since a texture may repeat at even ones
 _FIRST = np.linspace(-1, 1, 25) * (0.8 + 0.2 * np.linspace(-1, 1, 25) ** 2)
 _MOST_PLACES = 400
+_A_PIXEL = 4.0  # places for each pixel to one side, at most: neighbours are half to one apart
 _OTHER = 0.62  # of a distance, at which a texture that repeats at this distance does not
 _CLOSER = np.array([2.0, 4.0])  # times as close together, around the best place
 _TIE = 1e-6  # of a correlation, by which a place far away must look more like the frame
@@ -60,11 +61,13 @@ def align_to_images(
     parameters: np.ndarray,
     space: StateSpace,
     tangent: np.ndarray,
+    shift_px: float = np.inf,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(M, S) states, moved by up to ± a (2 nv,) tangent to where each looks most like its frame.
 
-    `render`: as `Simulator.render`. Places are tried so close together that neighbouring pictures
-    look alike, or 400 of them. A repeating floor looks nearly right in many places, and a lamp
+    `render`: as `Simulator.render`. `shift_px`: how far the tangent moves anything in the picture.
+    Places are tried so close together that neighbouring pictures look alike, or are less than a
+    pixel apart, or 400 of them. A repeating floor looks nearly right in many places, and a lamp
     makes each differently bright, so missing the right one gives wrong colours.
 
     Also returns the (2 nv,) distance at which pictures are barely alike, or that between places if
@@ -78,7 +81,8 @@ def align_to_images(
     def likeness(pictures: Iterable[np.ndarray]) -> np.ndarray:
         return np.stack([_correlation(some, real, changes) for some in pictures])
 
-    apart, share = along.alike_within(_best(_FIRST, likeness(drawn)), changes)
+    most = min(_MOST_PLACES, _A_PIXEL * shift_px)
+    apart, share = along.alike_within(_best(_FIRST, likeness(drawn)), changes, most)
     places = np.linspace(-1, 1, 2 * math.ceil(1 / apart) + 1)
     found = _best(places, likeness(map(along.draw, places)))
     for closer in apart / _CLOSER:
@@ -108,10 +112,12 @@ class _Along:
         drawn = self._render(self.at(places), self._worlds)
         return drawn.reshape(len(drawn), -1)
 
-    def alike_within(self, places: np.ndarray, changes: np.ndarray) -> tuple[float, float]:
+    def alike_within(
+        self, places: np.ndarray, changes: np.ndarray, most_places: float
+    ) -> tuple[float, float]:
         """How far from (M,) places pictures are alike, and their change, relative to `changes`.
 
-        `changes`: (M, pixels) variance between any places.
+        `changes`: (M, pixels) variance between any places. No closer than `most_places` are.
         """
         here, apart = self.draw(places).astype(np.float32), 2 / len(_FIRST)
         while True:
@@ -119,7 +125,7 @@ class _Along:
                 self._change(here, places, apart), self._change(here, places, _OTHER * apart)
             )
             share = float(np.median(change / np.maximum(2 * changes.sum(-1), 1e-9)))
-            if share <= _ALIKE or 4 / apart > _MOST_PLACES:
+            if share <= _ALIKE or 4 / apart > most_places:
                 return apart, share
             apart /= 2
 

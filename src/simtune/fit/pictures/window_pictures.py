@@ -9,12 +9,11 @@ from simtune.fit.physics import Physics
 from simtune.fit.pictures.picture_fit import PictureFit, Pictures, fit_pictures
 from simtune.fit.pictures.poses import align_to_images, uncertain_poses
 from simtune.fit.pictures.response import Photometry
+from simtune.fit.pictures.unseen import shown_in_pictures, unobserved
 
 # Of all frames, only those that the motion fits best: a thin leg that is a pixel off takes the
 # ground's colour. Choosing by windows was not enough: at 2 px, colours were 5 % too dark.
 _GOOD_FRAMES = 0.15, 0.6  # bounds of their share: the least that gives enough pictures
-_UNSEEN = 0.5  # of a sensor's noise: smaller changes of a prediction are not observed
-_PRIOR_STDS = 5.0  # error of a first guess considered, in units of its usual error
 _MOTION_STDS = 3.0  # errors of a motion's fit considered, in standard deviations
 
 
@@ -36,13 +35,14 @@ def fit_window_pictures(
     places = zip(motion.episode[chosen], motion.step[chosen] + step, strict=True)
     frames = np.stack([observed.frames[episode][t] for episode, t in places])
     full_states, scale = motion.full_states[chosen, step], observed.evidence.scale
-    unseen, by_motion = _unobserved(physics, prior_std, scale), _MOTION_STDS * motion.state_std
+    unseen, by_motion = unobserved(physics, prior_std, scale), _MOTION_STDS * motion.state_std
     largest = np.where(unseen.any(0), np.minimum(by_motion, prior_std), prior_std)
     untold = unseen[(unseen * (largest == prior_std)).any(1)]
-    # Where there are several, the first is searched again once the others are found.
-    for tangent in np.tile(untold, (min(2, len(untold)), 1)):
+    untold, shifts = shown_in_pictures(physics, full_states, parameters, untold)
+    # Where there are several, each is searched again once the others are found.
+    for tangent, shift in [*zip(untold, shifts, strict=True)] * min(2, len(untold)):
         full_states, left_open = align_to_images(
-            physics.render, frames, full_states, parameters, physics.space, tangent
+            physics.render, frames, full_states, parameters, physics.space, tangent, shift
         )
         largest = np.where(tangent != 0, np.minimum(left_open, prior_std), largest)
     num_shown = len(observed.evidence.parts[0].scale)
@@ -71,18 +71,3 @@ def well_fitted(
     at = np.unique(np.linspace(0, len(good) - 1, at_most).round()).astype(int)
     window, step = good[at].T
     return window, step + margin
-
-
-def _unobserved(physics: Physics, prior_std: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """(D, 2 nv) changes of position, as large as the prior allows, that no sensor observes.
-
-    For example with a camera that follows the robot: only the ground's texture shows its travel,
-    and only contacts determine its height.
-    """
-    space, parameters = physics.space, physics.parameters
-    changes = np.diag(_PRIOR_STDS * prior_std)[: space.nv]
-    changes = changes[prior_std[: space.nv] > 0]
-    moved = space.move(physics.some_state, np.vstack([0 * changes[:1], changes]))
-    predicted = physics.predict(moved, parameters.to_unit(parameters.nominal))
-    difference = np.abs(predicted[1:] - predicted[:1]) / scale
-    return changes[difference.max(1, initial=0) < _UNSEEN]
