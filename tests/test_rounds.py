@@ -401,6 +401,9 @@ def test_seconds_of_a_round_by_hand():
     assert PACE.round_s(SEARCH, work._replace(supersampling=4)) == pytest.approx(
         expected - 0.75 * drawn_s
     )
+    # A fit of colours draws its 40 pictures sixty times, and so do five refits.
+    with_colours_s = PACE.round_s(SEARCH, work._replace(fits_pixels=True))
+    assert with_colours_s == pytest.approx(expected + 6 * 60 * 40 * 0.01)
 
 
 def test_seconds_of_a_round_without_a_fit_by_hand():

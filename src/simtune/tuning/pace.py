@@ -21,7 +21,8 @@ from simtune.tuning.search import SearchContext
 
 _WORLDS, _STEPS, _UPDATES = 32, 20, 3
 _SMALL_UPDATE = 0.7  # update of another network, relative to one of the detector
-_SLOWER = 1.3  # factor for all that is not counted: fits of pictures, latencies tried
+_SLOWER = 1.3  # factor for all that is not counted, as latencies that are tried
+_DRAWN_TO_FIT = 60  # times that a fit to pixels draws each of its pictures
 _FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # fewer teach a network nothing
 # What makes them cheaper, in messages
@@ -51,16 +52,17 @@ class Work(NamedTuple):
     num_steps: int  # of each
     num_tangent: int  # 2 nv, of a fitted state; 0: nothing can be fitted
     num_fitted: int  # parameters that affect motion
+    fits_pixels: bool = False  # colours, light and the like
     supersampling: int = 1  # divides the number of pictures drawn, since each takes longer
     is_environment: bool = False  # which steps and draws by itself
 
     @classmethod
     def of(cls, simulator: AnySimulator, real: list[Trajectory], is_fitted: bool) -> "Work":
         space = simulator.state_space if is_fitted else None
-        num_fitted = int((~simulator.space.is_appearance).sum())
+        looks = simulator.space.is_appearance
         num_tangent = space.num_tangent if space else 0
         steps, is_environment = min(len(t) for t in real), simulator.state_space is None
-        shape = len(real), steps, num_tangent, num_fitted
+        shape = len(real), steps, num_tangent, int((~looks).sum()), bool(looks.any())
         return cls(*shape, simulator.supersampling, is_environment)
 
 
@@ -140,6 +142,8 @@ class Pace:
         few = min(FEW_EPISODES, episodes)
         refitted = fitted._replace(num_steps=few * steps)
         pictures_s += config.planned_refits * few * (steps + 1) * (self.frame_s + self.detect_s)
+        fits_s = (1 + config.planned_refits) * config.fit.num_pictures * self.frame_s
+        pictures_s += _DRAWN_TO_FIT * work.fits_pixels * fits_s
         played = sum(count_fit_steps(config.fit, fitted))
         played_again = sum(count_fit_steps(config.fit, refitted))
         played += config.planned_refits * played_again
