@@ -456,7 +456,7 @@ def test_the_worst_sensor_widens_intervals():
     assert held_out_misfit(alike, refits)["episode"] is None
     assert held_out_misfit(fit, replace(refits, misfits=[]))["passed"] is None
     (warning,) = model_checks(fit, refits)
-    assert "angle are 0.05 rad off, 5.0 times as far as" in warning
+    assert "they are 0.05 rad apart (angle), 5.0 times as far as" in warning
 
 
 def test_a_real_camera_widens_intervals_by_its_discrepancy():
@@ -595,7 +595,7 @@ def test_model_checks_warn_of_misfit():
     refits = refits_of(np.zeros((8, len(SPACE))))
     assert model_checks(a_fit(), refits) == []
     (warning,) = model_checks(a_fit(motion=0.9), refits)
-    assert "keypoints are 0.90 px off, 3.0 times" in warning
+    assert "they are 0.9 px apart (keypoints), 3.0 times" in warning
     (warning,) = model_checks(a_fit(motion=float("nan")), refits)
     assert "nothing that moves is found for sure" in warning
 
@@ -627,11 +627,11 @@ def test_correlations_are_those_of_the_intervals_once_refits_have_judged_them():
 def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
-    late = replace(a_fit(), late_s=np.array([0.0375, 0.0001]), is_too_late=True)
+    late = replace(a_fit(), late_s={"pictures": (0.0375, 0.0001)}, too_late=("pictures",))
     known = refits_of(np.zeros((8, len(SPACE))))
     found, _ = conclude(curves, late, known, first, first, RangeUpdateConfig())
     assert "identified" not in found.verdict
-    (warning,) = delay_warnings("pictures", 0, 0.0375, 0.0001, 0.05, True)
+    (warning,) = delay_warnings(late.late_s, 0, 0.05, late.too_late)
     assert "Pictures come 38 ms late, the most that is fitted" in warning
     assert "come 38 ms early" in too_late_warning("Readings", -0.0375)
     assert [is_too_late(steps) for steps in (0.6, 0.72, -0.75)] == [False, True, True]
@@ -721,7 +721,7 @@ def test_a_delay_in_pictures_is_told_once_with_what_readings_found_of_it(of_read
         "config": PosteriorSearchConfig(),
     }
     judging = Judging(**facts)
-    late = replace(a_fit(latency_steps=1), late_s=np.array([-0.019, 0.003]))
+    late = replace(a_fit(latency_steps=1), late_s={"pictures": (-0.019, 0.003)})
     estimate, _ = judging._conclude(late, refits_of(np.zeros((3, len(SPACE)))))
     assert estimate.latency_steps == 1
     assert estimate.warnings == [

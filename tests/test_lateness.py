@@ -19,6 +19,7 @@ from simtune.fit import Lateness, Physics, states_in_late_pictures
 from simtune.fit.fit_warnings import delay_warnings, lateness_warning
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig
+from simtune.observation import AllEvidence, JointReadings
 from simtune.simulation import Rollouts
 from simtune.trajectory import Trajectory
 
@@ -38,16 +39,17 @@ def substeps(played) -> Rollouts:  # noqa: F811
 @pytest.mark.parametrize("steps", [-0.7, 0.0, 0.4])
 @pytest.mark.parametrize("shares", [[0, 1], [0, 0.4, 1], [0, 0.25, 0.5, 0.75, 1]])
 def test_what_moves_by_a_parabola_is_seen_exactly_where_it_was(steps, shares):
-    lateness, count = Lateness(np.array([True, False]), np.array(shares)), 5
+    lateness, count = Lateness(np.array([0, 1]), np.array(shares), ("pictures", "readings")), 5
     t = np.append((np.arange(count - 1.0)[:, None] + shares[:-1]).ravel(), count - 1)
     power = min(2, len(shares) - 1)  # straight, where there is nothing between steps
     there = np.stack([3 + 2 * t - t**power, t**3], -1)
-    seen = lateness.seen(there[None, None], np.full((1, 1), Lateness.unit(steps)))[0, 0]
+    unit = np.array([[[Lateness.unit(steps), Lateness.unit(0.0)]]])
+    seen = lateness.seen(there[None, None], unit)[0, 0]
     late = np.arange(count) - steps
     np.testing.assert_allclose(seen[:, 0], 3 + 2 * late - late**power, atol=1e-12)
-    np.testing.assert_array_equal(seen[:, 1], np.arange(count) ** 3, "not of what is read")
+    np.testing.assert_allclose(seen[:, 1], np.arange(count) ** 3, err_msg="what is read, on time")
     alone = there[:1]
-    np.testing.assert_array_equal(lateness.seen(alone, np.array(1.0)), alone, "a single frame")
+    np.testing.assert_array_equal(lateness.seen(alone, np.ones(2)), alone, "a single frame")
 
 
 def test_steps_and_unit_coordinates_are_inverse():
@@ -60,11 +62,11 @@ def test_steps_and_unit_coordinates_are_inverse():
 def test_a_fit_predicts_where_a_late_film_has_things(played, substeps):  # noqa: F811
     """Read off where physics was some of its eight steps before, under the earlier action."""
     evidence = observed_of(played[2], 0.1, 0, np.random.default_rng(0)).evidence
-    lateness = Lateness.of_pictures(evidence, SUBSTEPS)
+    lateness = Lateness.of_evidence(evidence, SUBSTEPS)
     np.testing.assert_allclose(lateness.shares, [0, 0.25, 0.5, 0.75, 1])
     quarters = substeps.observed[:, :: SUBSTEPS // 4]
     for substep in (-3, -1, 1, 3):
-        seen = lateness.seen(quarters, np.full(3, Lateness.unit(substep / SUBSTEPS)))[:, 1:-1]
+        seen = lateness.seen(quarters, np.full((3, 1), Lateness.unit(substep / SUBSTEPS)))[:, 1:-1]
         there = substeps.observed[:, SUBSTEPS - substep :: SUBSTEPS][:, : seen.shape[1]]
         # All but where the cart bumps into an end of its rail
         off, on_time = (
@@ -106,16 +108,50 @@ def test_parameters_of_a_late_film_are_found_and_how_late_it_is(simulator, playe
     physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
     guesses, config = np.array([0.1, 0.1, 0.5, 0.5]), ShootingConfig().where_pictures_are_late()
     off = []
-    for lateness in (None, Lateness.of_pictures(observed.evidence, SUBSTEPS)):
+    for lateness in (None, Lateness.of_evidence(observed.evidence, SUBSTEPS)):
         shooting = Shooting(physics, guesses, MOVING, config, lateness)
         found = shooting.fit(observed, rough_states(rollouts, rng), start)
         off.append(np.abs(found.unit - SPACE.to_unit(truth)[MOVING]).max())
         if lateness:
-            assert abs(found.late_steps - late / SUBSTEPS) < 0.08
-            assert 0 < found.late_std < 0.05
+            ((steps, std),) = found.late.values()
+            assert abs(steps - late / SUBSTEPS) < 0.08
+            assert 0 < std < 0.05
         else:
-            assert found.late_steps == found.late_std == 0
+            assert found.late == {}
     assert off[1] < 0.5 * off[0]
+
+
+@pytest.mark.thorough
+def test_readings_are_late_by_a_time_of_their_own(simulator, played, substeps):  # noqa: F811
+    """A camera adds to what late actions do to both: here half of its lateness."""
+    keypoints, truth, rollouts = played
+    rng, late = np.random.default_rng(3), {"pictures": 4, "readings": 2}  # substeps
+    all_at = np.arange(0, substeps.observed.shape[1], SUBSTEPS)
+    at = {kind: np.maximum(all_at - its, 0) for kind, its in late.items()}
+    filmed = replace(rollouts, observed=substeps.observed[:, at["pictures"]])
+    observed = observed_of(filmed, 0.2, 0.0, rng)
+    carts = substeps.states[:, at["readings"], 1:2]
+    read = JointReadings.of("cart", "m", carts + 0.002 * rng.normal(size=carts.shape), 0.002)
+    evidence = AllEvidence((*observed.evidence.parts, read))
+    observed = replace(observed, evidence=evidence)
+    start = truth.copy()
+    start[MOVING] *= [0.8, 1.25]
+
+    def see(batch) -> np.ndarray:
+        return np.concatenate([keypoints.observe(batch), batch.qpos[:, :1]], 1)
+
+    physics = Physics(simulator, see, rollouts.states[0, 0])
+    guesses, config = np.array([0.1, 0.1, 0.5, 0.5]), ShootingConfig().where_pictures_are_late()
+    lateness = Lateness.of_evidence(evidence, SUBSTEPS)
+    assert lateness.kinds == ("pictures", "readings")
+    shooting = Shooting(physics, guesses, MOVING, config, lateness)
+    found = shooting.fit(observed, rough_states(rollouts, rng), start)
+    for kind, (steps, std) in found.late.items():
+        assert abs(steps - late[kind] / SUBSTEPS) < 0.08
+        assert 0 < std < 0.05
+    assert np.abs(found.unit - SPACE.to_unit(truth)[MOVING]).max() < 0.02
+    only = lateness.only("pictures")
+    assert (only.kinds, len(only.kind)) == (("pictures",), len(keypoints) * 2)
 
 
 @pytest.mark.parametrize(("std_s", "said"), [(0.0123, "12"), (0.0096, "9.6"), (0.0099999, "10")])
@@ -126,21 +162,25 @@ def test_how_sure_a_lateness_is_has_no_power_of_ten(std_s: float, said: str):
 
 def test_a_delay_of_which_actions_and_readings_have_a_part_is_told_as_a_sum():
     """Not as two faults, one late and one early."""
-    (said,) = delay_warnings("readings", 1, -0.003, 0.0003, step_s=0.02)
+    (said,) = delay_warnings({"readings": (-0.003, 0.0003)}, 1, step_s=0.02)
     assert said == (
         "What an action does shows in readings 17 ms later than the recordings say (± 0.3 ms); "
         "the estimates allow for it."
     )
+    both = {"pictures": (0.01, 0.0003), "readings": (0.0, 0.0003)}
+    action, picture = delay_warnings(both, 1, step_s=0.02)
+    assert action.startswith("The actions seem to take effect 1 step later")
+    assert picture.startswith("What an action does shows in pictures 30 ms later")
     for late, late_s, begins in (
         (0, 0.003, ["The readings seem to come 3 ms later"]),
         (1, 0.0, ["The actions seem to take effect 1 step later"]),
         (0, 0.0, []),
     ):
-        told = delay_warnings("readings", late, late_s, 0.0003, step_s=0.02)
+        told = delay_warnings({"readings": (late_s, 0.0003)}, late, step_s=0.02)
         assert [its[: len(begin)] for its, begin in zip(told, begins, strict=True)] == begins
 
 
 def test_a_delay_at_the_end_of_its_range_is_no_sum():
-    action, late = delay_warnings("pictures", 1, 0.015, 0.0003, 0.02, is_too_late=True)
+    action, late = delay_warnings({"pictures": (0.015, 0.0003)}, 1, 0.02, ["pictures"])
     assert action.startswith("The actions seem to take effect 1 step later")
     assert late.startswith("Pictures come 15 ms late, the most that is fitted")

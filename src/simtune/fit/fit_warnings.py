@@ -1,5 +1,7 @@
 """Warnings of what a fit found: delays, and parameters at a bound."""
 
+from collections.abc import Collection, Mapping
+
 import numpy as np
 
 from simtune.columns import cut
@@ -57,24 +59,28 @@ def timestep_warning(
 
 
 def delay_warnings(
-    what: str,
+    late_s: Mapping[str, tuple[float, float]],
     latency_steps: int,
-    late_s: float,
-    std: float,
     step_s: float,
-    is_too_late: bool = False,
+    too_late: Collection[str] = (),
 ) -> list[str]:
-    """On late actions and on late pictures or readings, `what`; on their sum if both are found.
+    """On late actions and on late pictures or readings; on their sum if both are found.
 
-    `std`: of `late_s`; `is_too_late`: whether that is at the end of its range.
+    `late_s`: {"pictures": (seconds, standard deviation)}; `too_late`: of these, what is at the end
+    of its range.
     """
-    if is_too_late:
-        return [*latency_warning(latency_steps), too_late_warning(what.capitalize(), late_s)]
-    late = lateness_warning(what, late_s, std)
-    if not latency_steps or not late:
-        return latency_warning(latency_steps) + late
-    in_all = _later(latency_steps * step_s + late_s, std)
-    return [f"What an action does shows in {what} {in_all}"]
+    told, beside_actions = [], not late_s
+    for what, (late, std) in late_s.items():
+        is_clear = bool(lateness_warning(what, late, std))
+        beside_actions |= what in too_late or not is_clear
+        if what in too_late:
+            told.append(too_late_warning(what.capitalize(), late))
+        elif is_clear and latency_steps:
+            in_all = _later(latency_steps * step_s + late, std)
+            told.append(f"What an action does shows in {what} {in_all}")
+        else:
+            told += lateness_warning(what, late, std)
+    return [*(latency_warning(latency_steps) if beside_actions else []), *told]
 
 
 def latency_warning(latency_steps: int) -> list[str]:

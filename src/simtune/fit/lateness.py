@@ -5,13 +5,14 @@ like a softer servo. Whole steps are found before (`line_up`). The rest is fitte
 parameters, so that their uncertainty allows for it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from simtune.observation import AllEvidence, JointReadings
 from simtune.simulation import Simulator
 
+PICTURES, READINGS = "pictures", "readings"
 MOST_STEPS = 0.75  # largest lateness, either way
 _NEARLY_ALL = 0.05  # steps to the end of that range, where it is no longer free
 _PREDICTIONS_PER_STEP = 4  # if there are as many substeps: a wheel may turn far in a step
@@ -19,24 +20,34 @@ _PREDICTIONS_PER_STEP = 4  # if there are as many substeps: a wheel may turn far
 
 @dataclass(frozen=True)
 class Lateness:
-    """Which of D predictions are late, all by the same time."""
+    """Which of D predictions come late together: each of G kinds by a time of its own."""
 
-    is_late: np.ndarray  # (D,) bool
+    kind: np.ndarray  # (D,) index of `kinds`
     shares: np.ndarray  # (n + 1,) times of the predictions as shares of a step, with 0 and 1
+    kinds: tuple[str, ...] = (PICTURES,)
 
     @classmethod
-    def of_pictures(cls, evidence: AllEvidence, num_substeps: int) -> "Lateness":
-        """All pictures may be late, by the same time; sensor readings are not.
+    def of_evidence(cls, evidence: AllEvidence, num_substeps: int) -> "Lateness":
+        """All pictures may be late, by the same time, and all readings, by another.
 
-        `num_substeps`: physics substeps per step.
+        Actions that take effect late delay both, a camera only its pictures. `num_substeps`:
+        physics substeps per step.
         """
-        is_late = [np.full(len(p.scale), not isinstance(p, JointReadings)) for p in evidence.parts]
-        return cls(np.concatenate(is_late), _shares(num_substeps))
+        each = [READINGS if isinstance(p, JointReadings) else PICTURES for p in evidence.parts]
+        kinds = tuple(dict.fromkeys(each))
+        sizes = [len(part.scale) for part in evidence.parts]
+        kind = np.repeat([kinds.index(name) for name in each], sizes)
+        return cls(kind, _shares(num_substeps), kinds)
 
     @classmethod
     def of_readings(cls, num_readings: int, num_substeps: int) -> "Lateness":
         """All D readings may be late, relative to the actions."""
-        return cls(np.ones(num_readings, bool), _shares(num_substeps))
+        return cls(np.zeros(num_readings, int), _shares(num_substeps), (READINGS,))
+
+    def only(self, kind: str) -> "Lateness":
+        """Of what is of one kind."""
+        num = np.count_nonzero(self.kind == self.kinds.index(kind))
+        return replace(self, kind=np.zeros(num, int), kinds=(kind,))
 
     @property
     def predictions_per_step(self) -> int:
@@ -72,31 +83,29 @@ class Lateness:
         return float(late), float(above - late)
 
     def seen(self, predicted: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """(..., K, D) observations at K steps when the late ones are late by (...) `unit`.
+        """(..., K, D) observations at K steps when each kind is late by its (..., G) `unit`.
 
         `predicted`: (..., 1 + (K − 1) n, D), n per step. The motion has kinks at steps, where
         actions change, and is smooth between. So y(t − d) is interpolated by a parabola through the
         nearest predictions of the step that contains t − d (clamped to the first and last step).
         """
         num = self.predictions_per_step
-        seen = predicted[..., ::num, :].copy()
-        last = seen.shape[-2] - 2
+        last = (predicted.shape[-2] - 1) // num - 1
         if last < 0:
-            return seen
-        late, steps = self.steps(unit)[..., None, None], np.arange(last + 2)
+            return predicted
+        late, steps = self.steps(unit)[..., None, self.kind], np.arange(last + 2)  # (..., 1, D)
         before = self._within(predicted, np.maximum(steps - 1, 0), late, np.arange(num + 1)[-3:])
         after = self._within(predicted, np.minimum(steps, last), late, np.arange(num + 1)[:3])
         is_before = ((late > 0) | (steps > last)[:, None]) & (steps > 0)[:, None]
-        seen[..., self.is_late] = np.where(is_before, before, after)
-        return seen
+        return np.where(is_before, before, after)
 
     def _within(
         self, predicted: np.ndarray, step: np.ndarray, late: np.ndarray, points: np.ndarray
     ) -> np.ndarray:
-        """(..., K, L) late predictions, interpolated from `points` of `step` (K,) (Neville)."""
-        late_ones, shares = predicted[..., self.is_late], self.shares[points]
+        """(..., K, D) predictions, interpolated from `points` of `step` (K,) (Neville)."""
+        shares = self.shares[points]
         since = (np.arange(len(step)) - step)[:, None] - late  # since the step began
-        values = [late_ones[..., self.predictions_per_step * step + point, :] for point in points]
+        values = [predicted[..., self.predictions_per_step * step + point, :] for point in points]
         for order in range(1, len(points)):
             ends = zip(shares, shares[order:], values, values[1:], strict=False)
             values = [

@@ -17,7 +17,7 @@ class Observed:
     evidence: AllEvidence  # with leading axes (E, T + 1)
     actions: np.ndarray  # (E, T, A)
     frames: Sequence[np.ndarray] = ()  # E times (T + 1, H, W, 3) uint8, if appearance is fitted
-    lateness: Lateness | None = None  # of pictures, if it is unknown
+    lateness: Lateness | None = None  # of pictures and of readings, if it is unknown
 
     def __len__(self) -> int:
         return len(self.actions)

@@ -10,7 +10,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit.fit_setup import FitSetup
-from simtune.fit.lateness import is_too_late, states_in_late_pictures
+from simtune.fit.lateness import PICTURES, is_too_late, states_in_late_pictures
 from simtune.fit.line_up import LinedUp, line_up
 from simtune.fit.motion.estimator import StateEstimator
 from simtune.fit.motion.shooting import ShootingFit
@@ -114,7 +114,8 @@ class ReplayFit:
         if not len(self._appearance):
             return PictureFit.of_nothing()  # without drawing a thousand pictures for it
         simulator = self._setup.physics.simulator
-        seen = states_in_late_pictures(simulator, motion.full_states, motion.late_steps)
+        late_steps, _ = motion.late.get(PICTURES, (0.0, 0.0))
+        seen = states_in_late_pictures(simulator, motion.full_states, late_steps)
         return fit_window_pictures(
             self._setup,
             replace(motion, full_states=seen),
@@ -134,7 +135,7 @@ class ReplayFit:
     ) -> FitResult:
         """What was found, in (N,) unit coordinates, tested on the episode held out."""
         setup, observed, best = self._setup, lined_up.observed, motion.best
-        parameters = self.space.from_unit(unit)
+        parameters, step_s = self.space.from_unit(unit), setup.physics.simulator.step_s
         test = setup.shooting(setup.moving[:0], lateness=observed.lateness).fit(
             observed.episodes(split.tested), lined_up.states[split.tested], parameters
         )
@@ -156,8 +157,8 @@ class ReplayFit:
             responses=pictures.responses,
             unusual_camera=self._photometry.unusual(pictures.responses) if known.size else None,
             held_out=split.held_out,
-            late_s=setup.physics.simulator.step_s * np.array([best.late_steps, best.late_std]),
-            is_too_late=is_too_late(best.late_steps),
+            late_s={kind: (step_s * late, step_s * std) for kind, (late, std) in best.late.items()},
+            too_late=tuple(kind for kind, (late, _) in best.late.items() if is_too_late(late)),
             beside=best.beside,
             held=np.array(setup.config.held, int),
         )

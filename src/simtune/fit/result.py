@@ -1,11 +1,12 @@
 """What a fit starts from, what it finds, and how well it fits."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from simtune.fit.lateness import PICTURES
 from simtune.fit.motion.common_errors import Beside
 from simtune.fit.pictures.response import CameraResponse
 
@@ -47,13 +48,18 @@ class FitResult:
     known: np.ndarray  # (K,) indices of known parameters, which were not fitted
     responses: list[CameraResponse]  # one per camera; none if pictures are the simulator's own
     held_out: int | None = None  # the episode that only the misfit was computed from
-    # (2,) seconds by which pictures are also late, and their std; 0 if lateness is known
-    late_s: np.ndarray = field(default_factory=lambda: np.zeros(2))
-    is_too_late: bool = False  # whether that is the most that is fitted, and hides the rest
+    # {"pictures": (seconds by which they are also late, std)}, also of readings; empty: known
+    late_s: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    too_late: tuple[str, ...] = ()  # of these, where that is the most that is fitted
     beside: tuple[Beside, ...] = ()  # of each camera
     unusual_camera: CameraResponse | None = None  # what known colours make of one
     # (K,) indices of held parameters, which stay where the fit began
     held: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+
+    @property
+    def pictures_late_s(self) -> tuple[float, float]:
+        """With standard deviation; 0 if it is known."""
+        return self.late_s.get(PICTURES, (0.0, 0.0))
 
     @property
     def unfitted(self) -> np.ndarray:

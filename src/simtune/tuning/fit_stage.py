@@ -140,7 +140,7 @@ class FitStage:
         actions = np.stack([t.actions for t in first]).astype(float)
         frames = [t.frames for t in first]  # views, not copies: there may be many
         substeps = self._simulator.num_substeps
-        lateness = Lateness.of_pictures(evidence, substeps) if self._max_latency_steps else None
+        lateness = Lateness.of_evidence(evidence, substeps) if self._max_latency_steps else None
         return Observed(evidence, actions, frames, lateness)
 
     @property
@@ -189,7 +189,7 @@ class FitStage:
             if len(rollouts) < len(actions):
                 return None
             shown = states_in_late_pictures(
-                self._simulator, rollouts.states, fit.late_s[0] / self._simulator.step_s
+                self._simulator, rollouts.states, fit.pictures_late_s[0] / self._simulator.step_s
             )
             recorded = observation.record(self._simulator, replace(rollouts, states=shown), rng)
             detections = [self.model.detect(trajectory.frames) for trajectory in recorded]

@@ -18,6 +18,7 @@ from simtune.fit import (
     ranks,
     to_range_units,
 )
+from simtune.fit.lateness import READINGS
 from simtune.randomization import Distribution
 from simtune.tuning.edges import followed, out_of_reach, reach_warnings
 from simtune.tuning.estimate import Estimate, at_most_weak
@@ -59,7 +60,7 @@ def conclude(
     at_ends = reach_warnings(space, side, read.mean)
     at_ends |= bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
     # If the model lacks something else, none of its numbers is identified.
-    is_wrong = is_motion_unexplained(fit, refits) or fit.is_too_late
+    is_wrong = is_motion_unexplained(fit, refits) or bool(fit.too_late)
     is_sound = has_comparison(refits) and not is_wrong
     doubtful = np.array([not is_sound or name in at_ends for name in space.names])
     elsewhere = refits.is_elsewhere(fit.misfit)
@@ -80,7 +81,8 @@ def conclude(
         held_out=held_out_misfit(fit, refits),
         start=fit.starts[0].tolist(),
         latency_steps=fit.latency_steps,
-        pictures_late_s=(float(fit.late_s[0]), float(fit.late_s[1])),
+        pictures_late_s=fit.pictures_late_s,
+        readings_late_s=fit.late_s.get(READINGS, (0.0, 0.0)),
         camera_responses=[camera.to_json() for camera in fit.responses] if len(fit.known) else [],
     )
     return estimate, curves

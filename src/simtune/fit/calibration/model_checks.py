@@ -96,13 +96,13 @@ def _of_motion(fit: FitResult, refits: Refits) -> list[str]:
         ratio, worst = max(ratios), int(np.argmax(ratios))
         (name, unit), distance = fit.sensors[worst], fit.misfit.motion[worst]
         found = (
-            f"{name} are {distance:.2f} {unit} off, {ratio:.1f} times as far as"
+            f"they are {distance:.2g} {unit} apart ({name}), {ratio:.1f} times as far as"
             if np.isfinite(ratio)
             else "nothing that moves is found for sure, as it is"
         )
         warnings.append(
-            "No setting of the parameters makes the simulator move as the videos do: where that "
-            f"was tested {found} in worlds that the simulator can make. Something that "
+            "No setting of the parameters makes the simulator move as recorded: where that "
+            f"was tested, {found} in worlds that the simulator can make. Something that "
             "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
             "before it is found."
         )

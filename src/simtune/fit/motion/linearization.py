@@ -24,7 +24,7 @@ class LinearizationPoint:
     """Initial states of W windows, the shared parameters, and the settings of the next step."""
 
     states: np.ndarray  # (W, nq + nv)
-    unit: np.ndarray  # (N,) parameters in unit coordinates; (N + 1,) with the lateness of pictures
+    unit: np.ndarray  # (N,) parameters in unit coordinates; (N + G,) with latenesses
     damping: np.ndarray  # (W,) Levenberg-Marquardt damping of the states' steps
     variance: float  # of the parameters between windows
     step_scale: float = 1.0  # share of a parameter step that is taken
@@ -54,7 +54,7 @@ class WindowPlayer:
         """`prior_std`: (2 nv,) of first guesses at states, 0 where they are exact; the other F are
         unknown. `fitted`: (P,) indices of the unknown parameters.
 
-        With `lateness` one more coordinate follows the parameters.
+        With `lateness` a coordinate of each of its kinds follows the parameters.
         """
         self._physics, self._space, self._lateness = physics, physics.space, lateness
         self._fitted, self.unknown = fitted, np.flatnonzero(prior_std)
@@ -69,7 +69,7 @@ class WindowPlayer:
         Returns (G, W, K, S) full states and (G, W, K, D) predictions.
         """
         groups, num_windows, size = states.shape
-        parameters = units if self._lateness is None else units[:, :-1]
+        parameters, late = np.split(units, [len(self._physics.parameters)], 1)
         full_states, predicted = self._physics.play(
             states.reshape(-1, size),
             np.repeat(parameters, num_windows, 0),
@@ -80,7 +80,7 @@ class WindowPlayer:
         full_states = full_states.reshape(groups, num_windows, *full_states.shape[1:])
         predicted = predicted.reshape(groups, num_windows, *predicted.shape[1:])
         if self._lateness is not None:
-            predicted = self._lateness.seen(predicted, units[:, -1:])
+            predicted = self._lateness.seen(predicted, late[:, None])
         return full_states, predicted
 
     def differentiate(self, windows: Windows, point: LinearizationPoint) -> WindowSlopes:

@@ -9,7 +9,8 @@ period late.
 
 import math
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,8 +48,8 @@ class ShootingFit:
     distances: tuple[float, ...]  # each sensor's typical distance, where it is certain
     # (2 nv,) std of the windows' initial states, in nine of ten at most, given the parameters
     state_std: np.ndarray
-    late_steps: float = 0.0  # lateness of pictures; 0 if it is not fitted
-    late_std: float = 0.0  # its standard deviation
+    # {"pictures": (lateness in steps, standard deviation)}, also of readings; empty: not fitted
+    late: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     beside: tuple[Beside, ...] = ()  # of each camera
 
 
@@ -57,7 +58,7 @@ class _Ended(NamedTuple):
 
     windows: Windows
     point: LinearizationPoint
-    covariance: np.ndarray  # (P, P) of the parameters, and of the lateness if it is fitted
+    covariance: np.ndarray  # (P, P) of the parameters, and of latenesses if they are fitted
     hessian: np.ndarray | None  # (W, F, F) of the windows' initial states; None without any step
 
 
@@ -78,7 +79,8 @@ class Shooting:
         """
         self._physics, self.config, self.fitted = physics, config, np.asarray(fitted)
         self._prior_std = prior_std
-        self._on_time = np.full(int(lateness is not None), Lateness.unit(0.0))
+        self._late = lateness.kinds if lateness else ()
+        self._on_time = np.full(len(self._late), Lateness.unit(0.0))
         last = len(physics.parameters) + np.arange(len(self._on_time))
         unknown = np.concatenate([self.fitted, last]).astype(int)
         self._step = ShootingStep(physics, prior_std, unknown, config.spans, lateness)
@@ -119,7 +121,8 @@ class Shooting:
                 break
             window = even_length(num_steps, planned)
             unit[self.fitted] = found.unit
-            unit[len(self._physics.parameters) :] = Lateness.unit(found.late_steps)
+            late = [Lateness.unit(steps) for steps, _ in found.late.values()]
+            unit[len(self._physics.parameters) :] = late
             improved = self._improved(states, found)
             replay = self._replay(observed, improved)
             longer = self._cut(observed, improved, replay(unit), window)
@@ -188,7 +191,6 @@ class Shooting:
         windows, point, covariance, hessian = ended
         num, player, evidence = len(self.fitted), self._step.player, windows.evidence
         fitted, late = np.split(self._step.fitted, [num])
-        late_steps, late_std = Lateness.found(point.unit[late], covariance[num:, num:])
         full_states, predicted = player.play(windows, point.states[None], point.unit[None])
         count = predicted.shape[2] * evidence.num_observations  # of a window
         predicted = predicted + point.common @ directions(evidence)
@@ -201,8 +203,7 @@ class Shooting:
             misfit=-evidence.log_likelihood(predicted[0]) / count,
             distances=evidence.distances(predicted[0]),
             state_std=self._prior_std if hessian is None else self._step.state_std(hessian),
-            late_steps=late_steps,
-            late_std=late_std,
+            late=self._found_late(point.unit[late], covariance[num:, num:]),
             beside=beside(evidence, point.common),
         )
 
@@ -225,6 +226,13 @@ class Shooting:
     def _begin(self, parameters: np.ndarray) -> np.ndarray:
         """All unknowns shared by windows, in unit coordinates, for (N,) parameters."""
         return np.concatenate([self._physics.parameters.to_unit(parameters), self._on_time])
+
+    def _found_late(
+        self, unit: np.ndarray, covariance: np.ndarray
+    ) -> dict[str, tuple[float, float]]:
+        """Steps and standard deviation of each kind, from (G,) coordinates and (G, G)."""
+        each = [(kind, slice(i, i + 1)) for i, kind in enumerate(self._late)]
+        return {kind: Lateness.found(unit[at], covariance[at, at]) for kind, at in each}
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
         """(E, T + 1, nq + nv) states, replaced by the fit's inside its windows."""

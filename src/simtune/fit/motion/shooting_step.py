@@ -39,7 +39,7 @@ class Stepped(NamedTuple):
 class _Proposal(NamedTuple):
     """Where a step leads, before it is known whether costs fall."""
 
-    unit: np.ndarray  # (N,) parameters; (N + 1,) with the lateness of pictures
+    unit: np.ndarray  # (N,) parameters; (N + G,) with latenesses
     common: np.ndarray  # (Q,) common errors
     states: np.ndarray  # (2, W, nq + nv) of the windows: moved, and as they were
 

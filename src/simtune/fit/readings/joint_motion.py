@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from simtune.fit.lateness import PICTURES
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.readings.open_loop import OpenLoopReplay
@@ -154,7 +155,5 @@ def _by_parameters(
 def without_readings(observed: Observed) -> Observed:
     """Only the evidence of pictures."""
     parts = tuple(p for p in observed.evidence.parts if not isinstance(p, JointReadings))
-    late = observed.lateness
-    if late is not None:
-        late = replace(late, is_late=late.is_late[late.is_late])
+    late = observed.lateness.only(PICTURES) if observed.lateness else None
     return replace(observed, evidence=AllEvidence(parts), lateness=late)

@@ -286,7 +286,7 @@ class OpenLoopReplay:
                 1 if lateness is None else lateness.predictions_per_step,
             )
             if lateness is not None:
-                seen = lateness.seen(seen, units[worlds, -1])
+                seen = lateness.seen(seen, units[worlds, -1:])
             first[worlds], predicted[worlds, : part.steps + 1] = full_states[:, 0], seen
             then[worlds] = self.physics.states(full_states[np.arange(len(its)), until[its]])
             predicted[worlds, part.steps + 1 :] = seen[:, -1:]

@@ -12,7 +12,7 @@ from simtune.fit import (
     delay_warnings,
     timestep_warning,
 )
-from simtune.fit.lateness import is_too_late
+from simtune.fit.lateness import READINGS, is_too_late
 from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
@@ -86,15 +86,15 @@ def all_warnings(
 ) -> list[str]:
     """Of a fit with errors of (N,) `std` in unit coordinates; the rest as in `conclude`."""
     unseen, left_out = unmeasured
-    late_s = (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)
-    is_late = is_too_late(judged.late_steps[0])
+    late_s = {READINGS: (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)}
+    too_late = (READINGS,) if is_too_late(judged.late_steps[0]) else ()
     off = unexplained(judged.noise, joints_of(observation.sensors))
     is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
     # What the timestep changes by more than all other errors
     by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
     return [
         *([unseen_warning(unseen)] if unseen else []),
-        *delay_warnings("readings", latency.steps, *late_s, step_s, is_late),
+        *delay_warnings(late_s, latency.steps, step_s, too_late),
         *([] if latency.is_known else [_MAYBE_LATER]),
         *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
         *([] if unseen else _of_end(found)),
