@@ -1,9 +1,11 @@
 """Pictures that come late by a part of a step."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from keypoint_evidence import tracks_at
 from test_fit import (  # noqa: F401
     CARTPOLE,
     MOVING,
@@ -19,11 +21,39 @@ from simtune.fit import Lateness, Physics, states_in_late_pictures
 from simtune.fit.fit_warnings import delay_warnings, lateness_warning
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig
-from simtune.observation import AllEvidence, JointReadings
+from simtune.observation import AllEvidence, JointReadings, ObservationModel
 from simtune.simulation import Rollouts
 from simtune.trajectory import Trajectory
+from simtune.tuning.fit_stage import FitStage
 
 SUBSTEPS = CARTPOLE.action_repeat
+SCENE = """
+<mujoco>
+  <worldbody>
+    <camera name="front" pos="0 -4 0" xyaxes="1 0 0 0 0 1"/>
+    <body name="box"><joint name="slide" type="slide"/><geom size=".1"/></body>
+  </worldbody>
+  <actuator><motor name="push" joint="slide"/></actuator>
+</mujoco>
+"""
+TUNING = """model = "scene.xml"
+control_timestep_s = 0.02
+camera = "front"
+[[sensors]]
+name = "arm"
+joints = ["slide"]
+[[parameters]]
+name = "mass"
+kind = "mass"
+objects = "box"
+"""
+DELAY = """
+[[parameters]]
+name = "delay"
+kind = "delay"
+objects = "push"
+high = 0.1
+"""
 
 
 @pytest.fixture(scope="module")
@@ -39,17 +69,17 @@ def substeps(played) -> Rollouts:  # noqa: F811
 @pytest.mark.parametrize("steps", [-0.7, 0.0, 0.4])
 @pytest.mark.parametrize("shares", [[0, 1], [0, 0.4, 1], [0, 0.25, 0.5, 0.75, 1]])
 def test_what_moves_by_a_parabola_is_seen_exactly_where_it_was(steps, shares):
-    lateness, count = Lateness(np.array([0, 1]), np.array(shares), ("pictures", "readings")), 5
+    lateness, count = Lateness(np.array([0, -1]), np.array(shares)), 5
     t = np.append((np.arange(count - 1.0)[:, None] + shares[:-1]).ravel(), count - 1)
     power = min(2, len(shares) - 1)  # straight, where there is nothing between steps
     there = np.stack([3 + 2 * t - t**power, t**3], -1)
-    unit = np.array([[[Lateness.unit(steps), Lateness.unit(0.0)]]])
+    unit = np.full((1, 1, 1), Lateness.unit(steps))
     seen = lateness.seen(there[None, None], unit)[0, 0]
     late = np.arange(count) - steps
     np.testing.assert_allclose(seen[:, 0], 3 + 2 * late - late**power, atol=1e-12)
     np.testing.assert_allclose(seen[:, 1], np.arange(count) ** 3, err_msg="what is read, on time")
     alone = there[:1]
-    np.testing.assert_array_equal(lateness.seen(alone, np.ones(2)), alone, "a single frame")
+    np.testing.assert_array_equal(lateness.seen(alone, np.ones(1)), alone, "a single frame")
 
 
 def test_steps_and_unit_coordinates_are_inverse():
@@ -150,8 +180,24 @@ def test_readings_are_late_by_a_time_of_their_own(simulator, played, substeps): 
         assert abs(steps - late[kind] / SUBSTEPS) < 0.08
         assert 0 < std < 0.05
     assert np.abs(found.unit - SPACE.to_unit(truth)[MOVING]).max() < 0.02
-    only = lateness.only("pictures")
-    assert (only.kinds, len(only.kind)) == (("pictures",), len(keypoints) * 2)
+
+
+def test_what_a_camera_adds_is_told_beside_readings_on_time(played):  # noqa: F811
+    """Of a declared delay they tell all themselves."""
+    tracks = observed_of(played[2], 0.1, 0, np.random.default_rng(0)).evidence.parts
+    read = JointReadings.of("cart", "m", played[2].states[..., 1:2], 0.001)
+    evidence = AllEvidence((read, *tracks))
+    both, pictures = (
+        Lateness.of_evidence(evidence, SUBSTEPS, kinds)
+        for kinds in (("pictures", "readings"), ["pictures"])
+    )
+    assert (both.kinds, pictures.kinds) == (("pictures", "readings"), ("pictures",))
+    num = len(tracks[0].scale)
+    assert both.kind.tolist() == [1] + num * [0]
+    assert pictures.kind.tolist() == [-1] + num * [0]
+    for lateness in (both, pictures):
+        only = lateness.only("pictures")
+        assert (only.kinds, only.kind.tolist()) == (("pictures",), num * [0])
 
 
 @pytest.mark.parametrize(("std_s", "said"), [(0.0123, "12"), (0.0096, "9.6"), (0.0099999, "10")])
@@ -184,3 +230,23 @@ def test_a_delay_at_the_end_of_its_range_is_no_sum():
     action, late = delay_warnings({"pictures": (0.015, 0.0003)}, 1, 0.02, ["pictures"])
     assert action.startswith("The actions seem to take effect 1 step later")
     assert late.startswith("Pictures come 15 ms late, the most that is fitted")
+
+
+@pytest.mark.parametrize(
+    ("delay", "sensors", "late"),
+    [
+        ("", True, ("pictures", "readings")),
+        ("", False, ("pictures",)),
+        (DELAY, True, ("pictures",)),
+        (DELAY, False, None),  # nothing tells one from the other
+    ],
+)
+def test_what_may_be_late_beside_a_declared_delay(load, delay, sensors, late):
+    task = load(TUNING + delay)
+    observation = ObservationModel.of_reality(task.sensors if sensors else ())
+    context = SimpleNamespace(observation=observation, simulator=task.simulator(image_size=16))
+    stage = FitStage(context, *[None] * 4)
+    pixels = tracks_at(np.zeros((1, 3, 1, 2)), 0.3, 16)
+    read = JointReadings.of("arm", "m", np.zeros((1, 3, 1)), 0.001)
+    found = stage._lateness(AllEvidence((pixels, read) if sensors else (pixels,)))
+    assert (found and found.kinds) == late

@@ -159,6 +159,8 @@ def test_actions_and_readings_are_taken_when_it_was_so():
     assert np.isnan(late.readings["arm"][4, 0])
     both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "identified")
     assert by_readings.combined_with(both).readings_late_s == (0.03, 0.001)
+    rest = replace(both, readings_late_s=(0.004, 0.0))  # by windows, in which readings count, too
+    assert by_readings.combined_with(rest).readings_late_s == pytest.approx((0.034, 0.001))
     # Readings may tell how late actions are, and no parameter well
     weak = by_fit(replace(READ, verdict=["weak", "weak"]), is_trusted=True)
     assert not weak.is_held.any()

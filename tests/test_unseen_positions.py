@@ -42,9 +42,8 @@ objects = "plate"
 
 
 @pytest.fixture
-def physics_of(folder, load):
+def physics_of(load):
     def make(camera: str) -> Physics:
-        (folder / "scene.xml").write_text(SCENE)
         simulator = load(TUNING).simulator(image_size=SIZE, views=[View(camera)])
         state = simulator.begin(simulator.space.nominal[None], np.random.default_rng(0)).states
         return Physics(simulator, lambda batch: batch.qpos[:, :1], state[0, 0])

@@ -20,7 +20,7 @@ from simtune.fit.fit_warnings import (
     delay_warnings,
     timestep_warning,
 )
-from simtune.fit.lateness import Lateness, states_in_late_pictures
+from simtune.fit.lateness import PICTURES, READINGS, Lateness, states_in_late_pictures
 from simtune.fit.motion.estimator import StateEstimator
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
@@ -46,6 +46,8 @@ __all__ = [
     "FEW_EPISODES",
     "MANY_EPISODES",
     "MOST_EPISODES",
+    "PICTURES",
+    "READINGS",
     "Descent",
     "FitConfig",
     "FitResult",

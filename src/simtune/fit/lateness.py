@@ -5,6 +5,7 @@ like a softer servo. Whole steps are found before (`line_up`). The rest is fitte
 parameters, so that their uncertainty allows for it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,22 +23,27 @@ _PREDICTIONS_PER_STEP = 4  # if there are as many substeps: a wheel may turn far
 class Lateness:
     """Which of D predictions come late together: each of G kinds by a time of its own."""
 
-    kind: np.ndarray  # (D,) index of `kinds`
+    kind: np.ndarray  # (D,) index of `kinds`; −1: on time
     shares: np.ndarray  # (n + 1,) times of the predictions as shares of a step, with 0 and 1
     kinds: tuple[str, ...] = (PICTURES,)
 
     @classmethod
-    def of_evidence(cls, evidence: AllEvidence, num_substeps: int) -> "Lateness":
+    def of_evidence(
+        cls,
+        evidence: AllEvidence,
+        num_substeps: int,
+        kinds: Sequence[str] = (PICTURES, READINGS),
+    ) -> "Lateness":
         """All pictures may be late, by the same time, and all readings, by another.
 
         Actions that take effect late delay both, a camera only its pictures. `num_substeps`:
-        physics substeps per step.
+        physics substeps per step; `kinds`: what is not on time.
         """
         each = [READINGS if isinstance(p, JointReadings) else PICTURES for p in evidence.parts]
-        kinds = tuple(dict.fromkeys(each))
+        late = tuple(kind for kind in kinds if kind in each)
         sizes = [len(part.scale) for part in evidence.parts]
-        kind = np.repeat([kinds.index(name) for name in each], sizes)
-        return cls(kind, _shares(num_substeps), kinds)
+        kind = np.repeat([late.index(name) if name in late else -1 for name in each], sizes)
+        return cls(kind, _shares(num_substeps), late)
 
     @classmethod
     def of_readings(cls, num_readings: int, num_substeps: int) -> "Lateness":
@@ -93,7 +99,8 @@ class Lateness:
         last = (predicted.shape[-2] - 1) // num - 1
         if last < 0:
             return predicted
-        late, steps = self.steps(unit)[..., None, self.kind], np.arange(last + 2)  # (..., 1, D)
+        each = np.concatenate([self.steps(unit), 0 * unit[..., :1]], -1)  # the last is on time
+        late, steps = each[..., None, self.kind], np.arange(last + 2)  # (..., 1, D)
         before = self._within(predicted, np.maximum(steps - 1, 0), late, np.arange(num + 1)[-3:])
         after = self._within(predicted, np.minimum(steps, last), late, np.arange(num + 1)[:3])
         is_before = ((late > 0) | (steps > last)[:, None]) & (steps > 0)[:, None]

@@ -8,6 +8,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit import (
+    PICTURES,
     FitResult,
     Lateness,
     Observed,
@@ -139,9 +140,18 @@ class FitStage:
             evidence = _with_inflated_noise(evidence)
         actions = np.stack([t.actions for t in first]).astype(float)
         frames = [t.frames for t in first]  # views, not copies: there may be many
+        return Observed(evidence, actions, frames, self._lateness(evidence))
+
+    def _lateness(self, evidence: AllEvidence) -> Lateness | None:
+        """What may be late by a part of a step."""
         substeps = self._simulator.num_substeps
-        lateness = Lateness.of_evidence(evidence, substeps) if self._max_latency_steps else None
-        return Observed(evidence, actions, frames, lateness)
+        if self._max_latency_steps:
+            return Lateness.of_evidence(evidence, substeps)
+        # A declared delay is of actions: beside readings, pictures tell how late the camera is
+        observation, is_declared = self.context.observation, self._simulator.space.is_delay.any()
+        if is_declared and observation.max_latency_steps and observation.sensors:
+            return Lateness.of_evidence(evidence, substeps, [PICTURES])
+        return None
 
     @property
     def _max_latency_steps(self) -> int:

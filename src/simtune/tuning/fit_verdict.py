@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.fit import (
+    READINGS,
     FitResult,
     Refits,
     bound_warnings,
@@ -18,7 +19,6 @@ from simtune.fit import (
     ranks,
     to_range_units,
 )
-from simtune.fit.lateness import READINGS
 from simtune.randomization import Distribution
 from simtune.tuning.edges import followed, out_of_reach, reach_warnings
 from simtune.tuning.estimate import Estimate, at_most_weak

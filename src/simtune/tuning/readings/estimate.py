@@ -10,6 +10,7 @@ they start as far from the truth as the readings' fit may be. In the end each pa
 from the better of both.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -136,11 +137,12 @@ class ReadingsEstimate:
             doubts = [_NO_SAY + w for w in doubts if not self.is_used and w not in merged.warnings]
         together = {} if merged.correlation is None else correlated_pairs(merged.correlation, space)
         late = estimate.latency_steps + self.latency_steps
+        (found_s, std_s), (rest_s, rest_std_s) = self.late_s, estimate.readings_late_s
         return replace(
             merged,
             correlations=together,
             latency_steps=late,
-            readings_late_s=self.late_s,
+            readings_late_s=(found_s + rest_s, math.hypot(std_s, rest_std_s)),
             offsets=told.offsets if own.any() else estimate.offsets,
             warnings=list(dict.fromkeys([*doubts, *merged.warnings])),
         )
