@@ -401,7 +401,7 @@ def test_a_joint_that_stays_behind_where_it_is_commanded_farthest():
     asked = commands()
     read = [reads(np.minimum(delayed_by(filtered_by(c, 4), 2), 0.5), 0.002) for c in asked]
     (said,) = said_of(asked, read)
-    assert "a torque limit, or a stop?" in said
+    assert "a torque limit, a stop, or something that it holds?" in said
     assert "and follows elsewhere" in said
 
 

@@ -14,7 +14,7 @@ from simtune.fit.readings.differences import DifferencePoint, _unless_exploded, 
 from simtune.fit.readings.segments import Segments
 from simtune.real.observed import observed
 from simtune.tasks import load_task
-from simtune.tuning.readings.warnings import _of_misfit
+from simtune.tuning.readings.warnings import _of_misfit, _of_offsets
 
 STEPS, ARM, BLOCK = 60, 0, 1
 SCENE = """
@@ -239,6 +239,15 @@ def test_a_flywheel_that_turns_far_has_derivatives(tmp_path):
     turned = whole._replace(values=slopes.predicted)
     slopes = differentiate(loop, DifferencePoint(turned, whole.states, unit, std))
     assert np.abs(slopes.by_parameter).max() * 5e-3 > 100
+
+
+def test_offsets_that_hardly_count_beside_what_is_left_are_told():
+    """A gripper that holds a cube stays away from where it is sent, in most of the readings."""
+    seen = SimpleNamespace(reading_labels=("arm", "elbow", "gripper", "wrist"))
+    offsets, left = np.array([0.02, 0.0, 0.09, 0.004]), np.array([0.005, 0.01, 0.15, 0.0])
+    (said,) = _of_offsets(offsets, left, seen)  # pyright: ignore[reportArgumentType]
+    assert said.startswith("The offsets of gripper are smaller than what else is left")
+    assert _of_offsets(2 * offsets, left, seen) == []  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("left_out", [(), ("cube",)])

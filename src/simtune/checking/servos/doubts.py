@@ -175,5 +175,5 @@ def _falls_short(joint: Watched, servo: ServoResponse) -> list[Doubt]:
                 f"stays {short:.2g} {unit} behind where it is commanded to about {end:.3g} {unit}, "
                 "and follows elsewhere"
             )
-            return [_doubt(joint, says, "a torque limit, or a stop?")]
+            return [_doubt(joint, says, "a torque limit, a stop, or something that it holds?")]
     return []

@@ -54,8 +54,7 @@ class JointMotion:
         readings, offsets = Readings(observed.actions, values), np.zeros(len(self.finds_offset))
         for _ in range(_ROUNDS if self.finds_offset.any() else 0):
             _, predicted = self._replay(readings, unit, offsets)
-            missed = np.nan_to_num(np.nanmedian(values - predicted, (0, 1)))
-            offsets = np.where(self.finds_offset, missed, 0.0)
+            offsets = np.where(self.finds_offset, told_offsets(values - predicted), 0.0)
         replayed, predicted = self._replay(readings, unit, offsets)
         left = smoothed(filled(values - offsets - predicted))
         moved = self.loop.measured.corrected(replayed, *left)
@@ -78,6 +77,15 @@ class JointMotion:
         measured = self.loop.measured
         is_object = np.concatenate([measured.is_loose_position, measured.is_loose])
         return np.where(is_object, objects, robot)
+
+
+def told_offsets(missed: np.ndarray) -> np.ndarray:
+    """(D,) medians of (E, T, D) readings less replays; 0 where they vary by half of that or more.
+
+    While a gripper holds something, it is far from where it would be if nothing were in its way.
+    """
+    usual, varies = np.nanmedian(missed, (0, 1)), np.nanstd(missed, (0, 1))
+    return np.where(np.abs(usual) > 2 * varies, usual, 0.0)  # never read: 0, too
 
 
 def smoothed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -46,8 +46,13 @@ _UNEXPLAINED = (
     "not why, so what mainly these readings show is not called identified."
 )
 _LEFT_OUT = (
-    " Nothing touches {} in these replays, since no sensor says where it is: if the robot pushes "
-    "it, leave out those episodes (--leave-out)."
+    " Nothing touches {} in these replays, since no sensor says where it is: where the robot "
+    "pushes or holds it, its resistance and its weight pass for friction and offsets. Episodes "
+    "without that tell the robot's parameters best (--leave-out)."
+)
+_NO_OFFSET = (
+    "The offsets of {} are smaller than what else is left of their readings: do not correct an "
+    "encoder by them."
 )
 _UNSEEN = (
     "Where {0} begins no sensor measures, and each episode may begin elsewhere: readings alone "
@@ -88,7 +93,8 @@ def all_warnings(
     unseen, left_out = unmeasured
     late_s = {READINGS: (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)}
     too_late = (READINGS,) if is_too_late(judged.late_steps[0]) else ()
-    off = unexplained(judged.noise, joints_of(observation.sensors))
+    sensors = joints_of(observation.sensors)
+    off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
     is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
     # What the timestep changes by more than all other errors
     by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
@@ -98,6 +104,7 @@ def all_warnings(
         *([] if latency.is_known else [_MAYBE_LATER]),
         *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
         *([] if unseen else _of_end(found)),
+        *_of_offsets(judged.offsets, judged.noise * (off | may_be_off), observation),
         *_of_misfit(judged.noise, observation, left_out),
         *_of_bounds(bound_warnings(space, judged.unit, np.ones(len(space), bool)), is_futile),
     ]
@@ -128,6 +135,13 @@ def _of_misfit(
         warnings += [said.format(", ".join(labels))] if labels else []
     also = _LEFT_OUT.format(cut(left_out, _MOST_NAMED)) if left_out else ""
     return [warning + also for warning in warnings]
+
+
+def _of_offsets(offsets: np.ndarray, noise: np.ndarray, observation: ObservationModel) -> list[str]:
+    """Of (D,) offsets that are smaller than the (D,) noise."""
+    each = zip(observation.reading_labels, (offsets != 0) & (np.abs(offsets) < noise), strict=True)
+    labels = [label for label, is_it in each if is_it]
+    return [_NO_OFFSET.format(cut(labels, _MOST_NAMED))] if labels else []
 
 
 def _of_bounds(at_bounds: Mapping[str, str], is_futile: bool) -> list[str]:
