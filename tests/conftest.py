@@ -19,6 +19,7 @@ from short_training import QUICK, short_episodes
 from tiny_search import TINY_SEARCH
 
 from simtune.algorithm import train
+from simtune.checking.film.framing import FRAMINGS
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import evaluate
 from simtune.experiment.settings import Settings
@@ -41,6 +42,14 @@ def _one_thread():
             patch.setattr(os, "sched_getaffinity", lambda process: {0})
         yield
     torch.set_num_threads(threads)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _worlds_are_kept():
+    """Searches here are so small that a seventh of their time goes into making worlds anew."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simtune.simulation.simulator._BATCHES_KEPT", 8)
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -129,10 +138,14 @@ def quick_commands(monkeypatch, quick):
 
 @pytest.fixture
 def small_library(monkeypatch):
-    """Films are compared with few of the simulator's pictures, and few of these with others."""
+    """Films are compared with few of the simulator's pictures, and few of these with others.
+
+    In few ways in which they may be framed, of which each kind is among.
+    """
     monkeypatch.setattr("simtune.checking.film.library._WORLDS", 12)
     monkeypatch.setattr("simtune.checking.film.library._PICTURES", 8)
     monkeypatch.setattr("simtune.checking.film.compare._JUDGED", (4, 4))
+    monkeypatch.setattr("simtune.checking.film.compare.FRAMINGS", FRAMINGS[::4])
 
 
 @pytest.fixture

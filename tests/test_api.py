@@ -31,9 +31,10 @@ def result(quickly, tmp_path_factory) -> simtune.Result:
     """What a search that takes seconds made of a pseudo-real cartpole."""
     out = tmp_path_factory.mktemp("api") / "run"
     with quickly() as settings, pytest.MonkeyPatch.context() as patch:
+        settings = replace(settings, search=replace(settings.search, num_rounds=1))
         quick = partial(tune_from_options, settings=settings)
         patch.setattr("simtune.api.commands.carry_out_tuning", quick)
-        return simtune.tune("cartpole", out=str(out), real_episodes=2, seed=3)
+        return simtune.tune("cartpole", out=str(out), real_episodes=2, image_size=32, seed=3)
 
 
 def test_nothing_but_the_public_names_is_exported():

@@ -135,7 +135,7 @@ def test_readings_alone_of_a_slow_model_end_in_time(tmp_path: Path, more):
 
     def run(minutes: float) -> None:
         config = TuneConfig(
-            task=str(arm), out=tmp_path / "run", real_episodes=4, budget_minutes=minutes
+            task=str(arm), out=tmp_path / "run", real_episodes=2, budget_minutes=minutes
         )
         with pytest.MonkeyPatch.context() as patch:
             machine.now_s = 0.0

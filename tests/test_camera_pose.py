@@ -351,7 +351,7 @@ def test_a_wrong_camera_is_on_edges_by_chance(filmed):
     agreement = filmed.tracker.agreement(wrong)
     assert is_by_chance(agreement)
     assert agreement.score < 0.1 * filmed.tracker.agreement(filmed.truth).score
-    fit = filmed.tracker.fit(filmed.truth, FINE)._replace(unit=wrong)
+    fit = filmed.tracker.fit(filmed.truth, FINE[-1:])._replace(unit=wrong)
     result = describe(filmed.task, Found(fit, agreement, wrong[None]), FRAMES)
     assert "the robot's edges are not on the film's" in result["warnings"][0]
     assert result["parameters"]["camera_x"]["low"] == pytest.approx(0.1 - 0.3)  # not told

@@ -63,7 +63,10 @@ def library() -> Library:
 
 @pytest.fixture(autouse=True, scope="module")
 def _own_worlds_compared_once():
-    """What a library's own worlds tell is the same beside each film, and takes longest."""
+    """What a library's own worlds tell is the same beside each film, and takes longest.
+
+    A third of their pictures is enough here.
+    """
     found: dict[int, tuple[Library, float]] = {}
 
     def own_gain_once(library: Library) -> float:
@@ -74,6 +77,7 @@ def _own_worlds_compared_once():
     own_gain = film._own_gain
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(film, "_own_gain", own_gain_once)
+        patch.setattr(film, "_JUDGED", (5, 4))
         yield
 
 
@@ -221,7 +225,7 @@ def test_a_simulator_in_which_nothing_moves_is_no_other_scene_but_stuck(library)
 
 
 @pytest.mark.thorough
-def test_a_library_is_of_worlds_that_play_the_actions():
+def test_a_library_is_of_worlds_that_play_the_actions(monkeypatch):
     task = pendulum()
     simulator = task.simulator(image_size=SIZE)
     actions = random_actions(2, 30, simulator.action_mapping, np.random.default_rng(0))
@@ -234,6 +238,7 @@ def test_a_library_is_of_worlds_that_play_the_actions():
     found = comparison.nearest == np.array([[3], [8]]) * 24 + np.arange(0, 24, 3)
     assert found.mean() > 0.5  # others look the same, or nearly so: colours do not count
     other = make_task("other", PENDULUM.replace("0 -6.0 0", "0 -4 0"), list(task.parameters))
+    monkeypatch.setattr("simtune.checking.film.library._WORLDS", 8)
     (near,) = make_libraries(other.simulator(image_size=SIZE), actions, seed=1)
     (said,) = said_of(near.frames[:2, ::3], library)
     assert "enlarged 1.5 times" in said

@@ -328,7 +328,8 @@ def test_an_out_that_cannot_be_used_is_refused(simtune, tmp_path, quick_commands
         (tmp_path / "full", "is not empty and no run"),
         ("/proc/run", "cannot write the run folder"),
     ):
-        simtune.refuses("tune", "cartpole", "--out", out, "--real-episodes", 1, message=message)
+        few = ("--real-episodes", 1, "--image-size", 32)
+        simtune.refuses("tune", "cartpole", "--out", out, *few, message=message)
 
 
 def test_what_a_tuning_file_has_wrong_is_said_before_torch_is_loaded(tmp_path):
@@ -552,7 +553,8 @@ def test_tasks_lists_every_parameter(simtune):
 @pytest.mark.thorough
 def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands, monkeypatch):
     out = tmp_path / "run"
-    command = ("tune", "cartpole", "--out", out, "--real-episodes", 1, "--budget-minutes", "1e-5")
+    few = ("--real-episodes", 1, "--image-size", 32, "--budget-minutes", "1e-5")
+    command = ("tune", "cartpole", "--out", out, *few)
     status, said, progress = simtune(*command)
     assert status == 0
     assert all(is_progress(line) for line in progress.splitlines())  # no terminal: plain lines
@@ -589,8 +591,8 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands, monke
 def test_two_runs_are_compared_and_draws_of_one_are_taken_along(simtune, tmp_path, quick_commands):
     runs = [tmp_path / "one", tmp_path / "other"]
     for seed, out in enumerate(runs):
-        few = ("--real-episodes", 1, "--budget-minutes", "1e-5", "--seed", seed)
-        assert simtune("tune", "cartpole", "--out", out, *few)[0] == 0
+        few = ("--real-episodes", 1, "--image-size", 32, "--budget-minutes", "1e-5")
+        assert simtune("tune", "cartpole", "--out", out, *few, "--seed", seed)[0] == 0
     status, said, err = simtune("compare", *runs)
     assert (status, err) == (0, "")
     assert said.splitlines()[0] == f"cartpole: run 1 {runs[0]}, run 2 {runs[1]}"

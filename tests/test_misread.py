@@ -80,10 +80,20 @@ def changed(factor=(1.0, 1.0), shift=(0.0, 0.0), push: float = 1.0) -> Readings:
     return Readings(push * right.actions, right.values * factor + shift)
 
 
+@pytest.fixture
+def few_delays(monkeypatch):
+    """Actions are a step late in `recorded`: longer delays would be tried, and take longest.
+
+    They are where readings are right, and where a controller shakes the robot.
+    """
+    monkeypatch.setattr("simtune.checking.mistakes.short_replays._LATE_S", (0.0, STEP_S))
+
+
 def test_right_readings_are_not_doubted_whatever_a_models_first_values(tmp_path):
     assert misread(recorded(), *seen_in(tmp_path)) == []
 
 
+@pytest.mark.usefixtures("few_delays")
 @pytest.mark.parametrize(
     ("mistake", "expected"),
     [
@@ -98,6 +108,7 @@ def test_one_mistake_is_told(tmp_path, mistake, expected):
     assert ": then replays of 0.25 s end " in said
 
 
+@pytest.mark.usefixtures("few_delays")
 def test_on_a_slow_machine_a_few_pieces_tell_which_changes_are_tried(tmp_path, monkeypatch):
     monkeypatch.setattr(misread_, "_MOST_S", 0.0)
     for mistake, expected in (
@@ -109,6 +120,7 @@ def test_on_a_slow_machine_a_few_pieces_tell_which_changes_are_tried(tmp_path, m
     assert misread(recorded(), *seen_in(tmp_path)) == []
 
 
+@pytest.mark.usefixtures("few_delays")
 def test_actions_that_explain_nothing_of_what_moves_are_told(tmp_path):
     """As steps of a hand are, of which there may be as many as motors."""
     rng, times_s = np.random.default_rng(3), STEP_S * np.arange(STEPS + 1)
@@ -121,12 +133,14 @@ def test_actions_that_explain_nothing_of_what_moves_are_told(tmp_path):
     assert misread(Readings(actions, at_rest), *seen_in(tmp_path)) == []
 
 
+@pytest.mark.usefixtures("few_delays")
 def test_exchanged_columns_are_told(tmp_path):
     right = recorded()
     (said,) = misread(Readings(right.actions, right.values[..., ::-1]), *seen_in(tmp_path))
     assert said.startswith("the columns of arm and pendulum seem to be exchanged")
 
 
+@pytest.mark.usefixtures("few_delays")
 def test_a_zero_is_told_as_offset_that_mends_it(tmp_path):
     """5.1 rad are a turn, less 1.18; of an arm about a vertical axis no zero matters."""
     (said,) = misread(changed(shift=(3.8, 5.1)), *seen_in(tmp_path))
@@ -137,6 +151,7 @@ def test_a_zero_is_told_as_offset_that_mends_it(tmp_path):
     assert misread(changed(shift=(3.8, 5.1 - zero)), *seen_in(tmp_path)) == []
 
 
+@pytest.mark.usefixtures("few_delays")
 def test_two_mistakes_are_told_together(tmp_path):
     (said,) = misread(changed(push=-1.0, shift=(0, np.pi)), *seen_in(tmp_path))
     assert said.startswith("the zero of pendulum seems to be ")
@@ -163,6 +178,7 @@ def test_joints_that_servos_move_are_left_to_their_commands(tmp_path):
     assert motors(simulator.model).tolist() == [False]
 
 
+@pytest.mark.usefixtures("few_delays")
 def test_check_tells_it(tmp_path):
     readings, (simulator, seen) = changed(push=-1.0), seen_in(tmp_path)
     frames = np.zeros((STEPS + 1, 0, 0, 3), np.uint8)
@@ -176,6 +192,7 @@ def test_check_tells_it(tmp_path):
     assert look_at_servos(right, simulator, seen).misread == []
 
 
+@pytest.mark.usefixtures("few_delays")
 @pytest.mark.parametrize("steps", [1, 3, 8, 12])
 def test_short_episodes_are_replayed_as_far_as_they_go(tmp_path, steps):
     right = recorded()
@@ -192,6 +209,7 @@ def test_no_more_changes_are_tried_than_there_is_time_for(tmp_path):
     assert _in_time(tried, 30.0) == some
 
 
+@pytest.mark.usefixtures("few_delays")
 def test_a_zero_after_a_reversed_sign_is_what_was_measured(tmp_path):
     """It reads −angle + .8, so .8 where the joint is at 0."""
     said = _in_words({"the zero is {zero:.2f}": _Found(0.8, []), "b": _Found(0.0, ["b", "c"])})
@@ -203,6 +221,7 @@ def test_a_zero_after_a_reversed_sign_is_what_was_measured(tmp_path):
     assert zero == pytest.approx(0.8, abs=0.2)
 
 
+@pytest.mark.usefixtures("few_delays")
 @pytest.mark.parametrize("stuck", [[0], [0, 1]])
 def test_an_encoder_that_reads_the_same_while_its_motor_is_told_to_push(tmp_path, stuck):
     right = recorded()

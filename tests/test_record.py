@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from servo_arm import HEAD, write_arm
+from short_training import STEPS, WORLDS
 
 from simtune.algorithm import train
 from simtune.cameras.lens import Lens
@@ -22,7 +23,6 @@ from simtune.record.checks import check_written
 from simtune.recordings import open_dataset
 from simtune.tasks import Task, load_task
 
-STEPS = 24
 TASK = load_task("cartpole")
 PARAMETER = '[[parameters]]\nname = "upper"\nkind = "mass"\nobjects = "upper"\n'
 
@@ -75,8 +75,7 @@ def test_a_world_has_the_parameters_of_the_file(tmp_path):
 @pytest.mark.thorough
 def test_a_trained_policy_can_be_filmed(tmp_path, quick):
     run = tmp_path / "run"
-    steps = 2 * 16 * STEPS
-    settings = {"policy_steps": steps, "scored_episodes": 1}
+    settings = {"policy_steps": 3 * WORLDS * STEPS, "scored_episodes": 1}
     train(TrainConfig(task="cartpole", out=run, method="oracle", **settings), settings=quick)
     asked_for = asked(tmp_path / "dataset", episodes=1, policy=str(run))
     (trajectory,) = read(record(asked_for, settings=quick))

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from dataclasses import asdict
+from functools import cache
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -31,7 +32,7 @@ from simtune.report.words import interval
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.files import write_json
 from simtune.run.folder import RunFolder
-from simtune.tasks import load_any_task
+from simtune.tasks import AnyTask, load_any_task
 from simtune.tuning.search import Event
 
 # name: (unit, truth, start, verdict)
@@ -152,6 +153,19 @@ class _Page(HTMLParser):
 
     def count(self, tag: str) -> int:
         return sum(t == tag for t, _ in self.tags)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _built_in_tasks_are_kept():
+    """To compile a task's model, for its content, takes longer than to write a page."""
+    kept = cache(load_any_task)
+
+    def load(source: str) -> AnyTask:
+        return load_any_task(source) if source.endswith(".toml") else kept(source)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("simtune.report.data.load_any_task", load)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -698,8 +712,8 @@ def test_report_refuses_a_damaged_result(run_path):
 # --- a policy -----------------------------------------------------------------------------
 
 
-def test_a_trained_policy_is_shown_with_its_score_and_how_it_learnt(tmp_path):
-    path = make_run(tmp_path / "run")
+def test_a_trained_policy_is_shown_with_its_score_and_how_it_learnt(finished_run, tmp_path):
+    path = Path(shutil.copytree(finished_run, tmp_path / "run"))
     assert "The policy" not in write_report(path).read_text()
     with (path / "metrics.jsonl").open("a") as lines:
         for i, earned in enumerate((10.0, 300.0, 280.0, 310.0)):
@@ -722,8 +736,8 @@ def test_a_trained_policy_is_shown_with_its_score_and_how_it_learnt(tmp_path):
 
 
 @pytest.mark.parametrize("search", ["posterior", "paper"])
-def test_what_a_template_leaves_out_leaves_no_dash(search, tmp_path):
-    path = make_run(tmp_path / "run")
+def test_what_a_template_leaves_out_leaves_no_dash(search, finished_run, tmp_path):
+    path = Path(shutil.copytree(finished_run, tmp_path / "run"))
     _edit(path / "result.json", lambda result: result.update(search=search))
     html = write_report(path).read_text(encoding="utf-8")
     assert not re.search(r"<[a-z][^<>]*–>", html)
@@ -731,8 +745,8 @@ def test_what_a_template_leaves_out_leaves_no_dash(search, tmp_path):
 
 
 @pytest.mark.parametrize("method", ["dr", "oracle"])
-def test_report_of_methods_that_tune_nothing_shows_no_verdict(method, tmp_path):
-    path = make_run(tmp_path / "run")
+def test_report_of_methods_that_tune_nothing_shows_no_verdict(method, finished_run, tmp_path):
+    path = Path(shutil.copytree(finished_run, tmp_path / "run"))
     result = json.loads((path / "result.json").read_text())
     untuned = {"method": method, "ranks": {}, "correlations": {}}
     (path / "result.json").write_text(json.dumps(result | untuned))
@@ -742,8 +756,8 @@ def test_report_of_methods_that_tune_nothing_shows_no_verdict(method, tmp_path):
         assert absent not in words
 
 
-def test_each_verdict_says_what_to_take(tmp_path):
-    path = make_run(tmp_path / "run")
+def test_each_verdict_says_what_to_take(finished_run, tmp_path):
+    path = Path(shutil.copytree(finished_run, tmp_path / "run"))
     result = json.loads((path / "result.json").read_text())
     mass = {"mean": 0.1, "low": 0.096, "high": 0.12, "verdict": "weak"}
     result["parameters"]["ball_mass"] |= mass
@@ -759,8 +773,8 @@ def test_each_verdict_says_what_to_take(tmp_path):
     assert "more minutes may tell; else other actions, or another view, may" in words
 
 
-def test_report_names_the_recordings_and_links_every_file(tmp_path):
-    path = make_run(tmp_path / "run")
+def test_report_names_the_recordings_and_links_every_file(finished_run, tmp_path):
+    path = Path(shutil.copytree(finished_run, tmp_path / "run"))
     shutil.copy(path / "videos" / "after.mp4", path / "videos" / "overlay.mp4")
     result = json.loads((path / "result.json").read_text())
     facts = {"folder": "a<b>", "kind": "pairs", "episodes": 5, "episodes_in_dataset": 8}
@@ -794,9 +808,9 @@ def test_an_overlay_is_grey_where_both_are_alike():
     np.testing.assert_array_equal(seen[2, 0, 0], [100, 200, 200])
 
 
-def test_report_shows_a_parameter_named_like_a_colour_as_a_number(tmp_path):
+def test_report_shows_a_parameter_named_like_a_colour_as_a_number(finished_run, tmp_path):
     """Gears of three motors, say: drawn as numbers, and not as a swatch."""
-    path = make_run(tmp_path / "run")
+    path = Path(shutil.copytree(finished_run, tmp_path / "run"))
     for name in ("config.json", "result.json", "metrics.jsonl", "curves.json"):
         text = (path / name).read_text()
         (path / name).write_text(re.sub(r"cup_([rgb])", r"gear_\1", text))
@@ -840,9 +854,15 @@ def make_readings_run(path: Path) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def finished_readings_run(tmp_path_factory) -> Path:
+    return make_readings_run(tmp_path_factory.mktemp("runs") / "readings")
+
+
 @pytest.fixture
-def readings_run(tmp_path) -> Path:
-    return make_readings_run(tmp_path / "readings")
+def readings_run(finished_readings_run, tmp_path) -> Path:
+    """Such a run that a test may change."""
+    return Path(shutil.copytree(finished_readings_run, tmp_path / "readings"))
 
 
 def test_report_shows_joints_over_time_and_what_is_left(readings_run):

@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 import re
+import shutil
 import signal
 import sys
 import threading
@@ -131,6 +132,15 @@ def test_what_was_filmed_is_looked_at_again(file):
     assert not np.array_equal(more[2].actions, first[0].actions)
 
 
+@pytest.fixture(scope="module")
+def one_episode(tmp_path_factory) -> Path:
+    """The folder of a session that filmed one."""
+    file = tmp_path_factory.mktemp("session") / "arm.toml"
+    file.write_text(LEROBOT)
+    make_real(file).collect(1)
+    return file.parent / "filmed"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
@@ -140,15 +150,18 @@ def test_what_was_filmed_is_looked_at_again(file):
         ("[camera]", '[camera]\nname = "front"', "camera"),
     ],
 )
-def test_episodes_of_another_robot_file_are_not_used_together(file, old, new, what):
-    make_real(file).collect(1)
+def test_episodes_of_another_robot_file_are_not_used_together(one_episode, file, old, new, what):
     file.write_text(LEROBOT.replace(old, new))
-    made, folder = len(fake_lerobot.latest), file.parent / "filmed"
+    made, folder = len(fake_lerobot.latest), shutil.copytree(one_episode, file.parent / "filmed")
     with pytest.raises(InputError) as error:
         make_real(file).collect(2)
     assert f"{folder}/000 was filmed with another {what}, so" in str(error.value)
     assert "give another --out to film anew" in str(error.value)
     assert len(fake_lerobot.latest) == made  # nothing was connected to
+
+
+def test_episodes_of_sessions_that_differ_in_nothing_else_are_used_together(one_episode, file):
+    folder = shutil.copytree(one_episode, file.parent / "filmed")
     file.write_text(LEROBOT.replace("speed = 100", "speed = 90"))  # means nothing to them
     assert len(make_real(file).collect(2)) == 2
     (folder / "001.json").unlink()
@@ -163,14 +176,18 @@ def test_episodes_of_another_robot_file_are_not_used_together(file, old, new, wh
     ("change", "what"),
     [({"action_repeat": 20}, "control_timestep_s"), ({"declared": "x"}, "content of the task")],
 )
-def test_episodes_of_another_tuning_file_are_not_used_together(file, change, what, caplog):
+def test_episodes_of_another_tuning_file_are_not_used_together(one_episode, file, change, what):
+    shutil.copytree(one_episode, file.parent / "filmed")
+    with pytest.raises(InputError, match=f"000 was filmed with another {what}, so"):
+        make_real(file, replace(TASK, **change))
+
+
+def test_that_episodes_of_earlier_sessions_are_used_is_said(file, caplog):
     with caplog.at_level("INFO", "simtune"):
         make_real(file).collect(1)
         assert "earlier sessions" not in caplog.text
         make_real(file).collect(2)
     assert f"1 episodes of earlier sessions in {file.parent / 'filmed'} are used" in caplog.text
-    with pytest.raises(InputError, match=f"000 was filmed with another {what}, so"):
-        make_real(file, replace(TASK, **change))
 
 
 def test_whole_episodes_outlive_one_that_fails(file, monkeypatch):

@@ -48,8 +48,16 @@ TRUTH = {"pole_mass": 0.15, "body_r": 0.4, "ground_g": 0.8}
 
 
 def config_of(out: Path, **changes) -> TuneConfig:
-    config = TuneConfig(task="cartpole", out=out, real_episodes=2, budget_minutes=NO_HURRY, seed=3)
+    config = TuneConfig(
+        task="cartpole", out=out, real_episodes=2, image_size=32, budget_minutes=NO_HURRY, seed=3
+    )
     return dataclasses.replace(config, **changes)
+
+
+@pytest.fixture
+def no_check(monkeypatch):
+    """Runs do not say what check would, as `finished` and `one_round` do: it takes a second."""
+    monkeypatch.setattr(tuning_run, "_CHECK_SHARE", 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -221,6 +229,7 @@ def write_recordings(folder: Path, num: int, seed: int) -> list[Trajectory]:
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("no_check")
 def test_a_run_on_recordings_replays_them_and_refuses_changed_ones(tmp_path, quick, monkeypatch):
     trajectories = write_recordings(tmp_path / "dataset", num=3, seed=0)
     played = []
@@ -231,7 +240,9 @@ def test_a_run_on_recordings_replays_them_and_refuses_changed_ones(tmp_path, qui
 
     run_round = PosteriorSearch.run_round
     monkeypatch.setattr(PosteriorSearch, "run_round", spy)
-    config = config_of(tmp_path / "run", real=str(tmp_path / "dataset"), budget_minutes=1e-6)
+    config = config_of(
+        tmp_path / "run", real=str(tmp_path / "dataset"), budget_minutes=1e-6, image_size=64
+    )
     result = tune(config, settings=quick)
     assert len(played[0]) == result["real_episodes"] == 2
     for got, expected in zip(played[0], trajectories, strict=False):
@@ -310,6 +321,7 @@ def test_another_configuration_is_refused_in_the_same_folder(one_round, truth_fi
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("no_check")
 def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
     one_round, tmp_path, quick, monkeypatch
 ):
@@ -340,6 +352,7 @@ def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("no_check")
 def test_a_run_that_is_as_precise_as_asked_stops_and_says_so(tmp_path, quick):
     search = dataclasses.replace(quick.search, precision=1e9, num_rounds=4)
     settings = dataclasses.replace(quick, search=search)

@@ -131,6 +131,12 @@ class Scene:
         return AsRead(self.simulator, self.seen, self.trajectories())
 
 
+@pytest.fixture(autouse=True)
+def _few_worlds(monkeypatch):
+    """Films are beside half as many worlds that play their actions: these take longest."""
+    monkeypatch.setattr("simtune.checking.film.played._WORLDS", 4)
+
+
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory) -> Scene:
     return Scene(write_task(tmp_path_factory.mktemp("plane")))

@@ -1,12 +1,14 @@
 """Recordings that are damaged or hostile: one line, status 2, nothing written, little memory."""
 
 import csv
+import io
 import json
+import multiprocessing
 import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,11 +24,14 @@ from lerobot_v21 import VIDEO as VIDEO_V21
 from lerobot_v21 import write_v21
 from servo_arm import TUNE, write_arm
 
+import simtune.tuning_run  # noqa: F401  so that no command has to load it
+from simtune import cli
 from simtune.checking import check
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.recordings import open_dataset, write_dataset, write_video
+from simtune.tasks import TASKS, Task, load_task
 from simtune.trajectory import Trajectory
 
 NUM_STEPS, FPS, SIZE = 24, 12.5, 32
@@ -444,33 +449,36 @@ CASES = {
     ),
 }
 
-# Runs commands in one process, as imports take seconds; says what each did and took.
-RUNNER = """
-import contextlib, io, json, re, sys
-from pathlib import Path
-from simtune import cli
-import simtune.checking, simtune.tuning_run
-from simtune.tasks import TASKS, Task, load_task
-task = load_task("cartpole")  # once, as a model takes longer to compile than recordings to fail
-actions, content_hash, model = task.load_actions(), task.content_hash, task.nominal_model
-Task.load_actions, Task.content_hash = lambda self: actions, content_hash
-Task.nominal_model = model
-TASKS["cartpole"] = lambda: task
-def now_mb(which):
-    return int(re.search(which + r":\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1]) / 1e3
-for name, command in json.loads(sys.stdin.read()):
+
+def tell(commands: list[tuple[str, tuple[str, ...]]], path: Path) -> None:
+    """Run commands, and write what each of them did and took, a line of JSON each."""
+    task = load_task("cartpole")  # once, as a model takes longer to compile than recordings to fail
+    assert isinstance(task, Task)
+    actions, content_hash, model = task.load_actions(), task.content_hash, task.nominal_model
+    Task.load_actions, Task.content_hash = lambda self: actions, content_hash  # type: ignore
+    Task.nominal_model = model  # type: ignore
+    TASKS["cartpole"] = lambda: task
+    with path.open("w") as file:
+        for name, command in commands:
+            said = said_by(command)
+            print(json.dumps([name, command[0], said]), file=file, flush=True)
+
+
+def said_by(command: tuple[str, ...]) -> dict:
     Path("/proc/self/clear_refs").write_text("5")  # the peak so far is forgotten
     out, err, before = io.StringIO(), io.StringIO(), now_mb("VmRSS")
-    sys.argv = ["simtune", *command]
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    sys.argv, status = ["simtune", *command], 0
+    with redirect_stdout(out), redirect_stderr(err):
         try:
             cli.main()
-            status = 0
         except SystemExit as exit_:
             status = exit_.code
-    told = {"status": status, "out": out.getvalue(), "err": err.getvalue()}
-    print(json.dumps([name, command[0], told | {"mb": now_mb("VmHWM") - before}]), flush=True)
-"""
+    took = {"mb": now_mb("VmHWM") - before}
+    return {"status": status, "out": out.getvalue(), "err": err.getvalue()} | took
+
+
+def now_mb(which: str) -> float:
+    return int(re.search(which + r":\s+(\d+) kB", Path("/proc/self/status").read_text())[1]) / 1e3
 
 
 @pytest.fixture(scope="module")
@@ -490,12 +498,15 @@ def told(tmp_path_factory) -> dict[tuple[str, str], dict]:
         commands.append((name, ("check", *real)))
         tune = ("--out", str(folder.parent / "out"), "--real-episodes", "2")
         commands.append((name, ("tune", *real, *tune)))
-    done = subprocess.run(
-        [sys.executable, "-c", RUNNER], input=json.dumps(commands), capture_output=True, text=True
+    # In a process of its own, for what they leave in memory, that has done all imports
+    process = multiprocessing.get_context("fork").Process(
+        target=tell, args=(commands, root / "said")
     )
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    process.start()
+    process.join()
+    lines = [json.loads(line) for line in (root / "said").read_text().splitlines()]
     left = [str(path) for path in root.glob("*/*") if path.name == "out"]
-    assert len(lines) == len(commands), done.stderr
+    assert len(lines) == len(commands), process.exitcode
     assert left == []
     return {(name, command): said for name, command, said in lines}
 

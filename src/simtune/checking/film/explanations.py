@@ -50,8 +50,9 @@ class Worlds:
         """
         shown = moving_roughly(film)
         own = max((_alike(shown, drawn) for drawn in (self.moving, *late)), key=np.mean)
-        turns = [self._clear(film, own, framing, self.moving) for framing in TURNS]
-        reversals = [self._clear(film, own, AS_IT_IS, drawn) for drawn in signs.values()]
+        likest = max(agreement(shown, world).mean() for world in self.moving)
+        turns = [self._clear(film, own, likest, framing, self.moving) for framing in TURNS]
+        reversals = [self._clear(film, own, likest, AS_IT_IS, drawn) for drawn in signs.values()]
         best = max([*turns, *reversals])
         if best:
             return AtOdds(
@@ -69,11 +70,18 @@ class Worlds:
         return bool(usual.mean() >= _LEAST and (own < _POOR * usual).any())
 
     def _clear(
-        self, film: np.ndarray, own: np.ndarray, framing: Framing, drawn: np.ndarray
+        self,
+        film: np.ndarray,
+        own: np.ndarray,
+        likest: float,
+        framing: Framing,
+        drawn: np.ndarray,
     ) -> float:
-        """Mean agreement by an explanation; 0 unless it is clear, and told of no world."""
+        """Mean agreement by an explanation; 0 unless it is clear, and told of no world.
+
+        `own`: (E,) agreement without any; `likest`: mean agreement with the likest world.
+        """
         alike = _alike(_shown(film, framing), drawn)
-        likest = max(agreement(moving_roughly(film), world).mean() for world in self.moving)
         is_clear = _is_better(alike, own) and alike.mean() > likest
         worlds = range(len(self.moving))
         if not is_clear or any(self._is_told_of(w, framing, drawn) for w in worlds):
