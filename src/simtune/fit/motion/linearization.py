@@ -69,7 +69,8 @@ class WindowPlayer:
         Returns (G, W, K, S) full states and (G, W, K, D) predictions.
         """
         groups, num_windows, size = states.shape
-        parameters, late = np.split(units, [len(self._physics.parameters)], 1)
+        num_late = len(self._lateness.kinds) if self._lateness else 0
+        parameters, late = np.split(units, [units.shape[1] - num_late], 1)
         full_states, predicted = self._physics.play(
             states.reshape(-1, size),
             np.repeat(parameters, num_windows, 0),
