@@ -627,11 +627,11 @@ def test_correlations_are_those_of_the_intervals_once_refits_have_judged_them():
 def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
-    late = replace(a_fit(), late_s={"pictures": (0.0375, 0.0001)}, too_late=("pictures",))
+    late = replace(a_fit(), late_s={"pictures": (0.0375, 0.0001)}, is_too_late=True)
     known = refits_of(np.zeros((8, len(SPACE))))
     found, _ = conclude(curves, late, known, first, first, RangeUpdateConfig())
     assert "identified" not in found.verdict
-    (warning,) = delay_warnings(late.late_s, 0, 0.05, late.too_late)
+    (warning,) = delay_warnings(late.late_s, 0, 0.05)
     assert "Pictures come 38 ms late, the most that is fitted" in warning
     assert "come 38 ms early" in too_late_warning("Readings", -0.0375)
     assert [is_too_late(steps) for steps in (0.6, 0.72, -0.75)] == [False, True, True]

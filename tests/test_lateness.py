@@ -77,7 +77,7 @@ def test_what_moves_by_a_parabola_is_seen_exactly_where_it_was(steps, shares):
     seen = lateness.seen(there[None, None], unit)[0, 0]
     late = np.arange(count) - steps
     np.testing.assert_allclose(seen[:, 0], 3 + 2 * late - late**power, atol=1e-12)
-    np.testing.assert_allclose(seen[:, 1], np.arange(count) ** 3, err_msg="what is read, on time")
+    np.testing.assert_array_equal(seen[:, 1], np.arange(count) ** 3, "not of what is read")
     alone = there[:1]
     np.testing.assert_array_equal(lateness.seen(alone, np.ones(1)), alone, "a single frame")
 
@@ -227,7 +227,7 @@ def test_a_delay_of_which_actions_and_readings_have_a_part_is_told_as_a_sum():
 
 
 def test_a_delay_at_the_end_of_its_range_is_no_sum():
-    action, late = delay_warnings({"pictures": (0.015, 0.0003)}, 1, 0.02, ["pictures"])
+    action, late = delay_warnings({"pictures": (0.015, 0.0003)}, 1, 0.02)
     assert action.startswith("The actions seem to take effect 1 step later")
     assert late.startswith("Pictures come 15 ms late, the most that is fitted")
 

@@ -1,10 +1,11 @@
 """Warnings of what a fit found: delays, and parameters at a bound."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from simtune.columns import cut
+from simtune.fit.lateness import is_too_late
 from simtune.parameters import ParameterSpace
 
 _CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # both exceeded: pictures are reported as late
@@ -62,25 +63,22 @@ def delay_warnings(
     late_s: Mapping[str, tuple[float, float]],
     latency_steps: int,
     step_s: float,
-    too_late: Collection[str] = (),
 ) -> list[str]:
     """On late actions and on late pictures or readings; on their sum if both are found.
 
-    `late_s`: {"pictures": (seconds, standard deviation)}; `too_late`: of these, what is at the end
-    of its range.
+    `late_s`: {"pictures": (seconds, standard deviation)}.
     """
-    told, beside_actions = [], not late_s
+    told, has_told_actions = [], bool(late_s)
     for what, (late, std) in late_s.items():
-        is_clear = bool(lateness_warning(what, late, std))
-        beside_actions |= what in too_late or not is_clear
-        if what in too_late:
-            told.append(too_late_warning(what.capitalize(), late))
-        elif is_clear and latency_steps:
-            in_all = _later(latency_steps * step_s + late, std)
-            told.append(f"What an action does shows in {what} {in_all}")
-        else:
-            told += lateness_warning(what, late, std)
-    return [*(latency_warning(latency_steps) if beside_actions else []), *told]
+        of_itself, is_sum = lateness_warning(what, late, std), False
+        if is_too_late(late / step_s):
+            of_itself = [too_late_warning(what.capitalize(), late)]
+        elif latency_steps and of_itself:
+            in_all, is_sum = _later(latency_steps * step_s + late, std), True
+            of_itself = [f"What an action does shows in {what} {in_all}"]
+        told += of_itself
+        has_told_actions &= is_sum
+    return told if has_told_actions else [*latency_warning(latency_steps), *told]
 
 
 def latency_warning(latency_steps: int) -> list[str]:

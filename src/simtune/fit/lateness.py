@@ -99,12 +99,12 @@ class Lateness:
         last = (predicted.shape[-2] - 1) // num - 1
         if last < 0:
             return predicted
-        each = np.concatenate([self.steps(unit), 0 * unit[..., :1]], -1)  # the last is on time
-        late, steps = each[..., None, self.kind], np.arange(last + 2)  # (..., 1, D)
+        late, steps = self.steps(unit)[..., None, self.kind], np.arange(last + 2)  # (..., 1, D)
         before = self._within(predicted, np.maximum(steps - 1, 0), late, np.arange(num + 1)[-3:])
         after = self._within(predicted, np.minimum(steps, last), late, np.arange(num + 1)[:3])
         is_before = ((late > 0) | (steps > last)[:, None]) & (steps > 0)[:, None]
-        return np.where(is_before, before, after)
+        is_late = self.kind >= 0
+        return np.where(is_late, np.where(is_before, before, after), predicted[..., ::num, :])
 
     def _within(
         self, predicted: np.ndarray, step: np.ndarray, late: np.ndarray, points: np.ndarray

@@ -158,7 +158,7 @@ class ReplayFit:
             unusual_camera=self._photometry.unusual(pictures.responses) if known.size else None,
             held_out=split.held_out,
             late_s={kind: (step_s * late, step_s * std) for kind, (late, std) in best.late.items()},
-            too_late=tuple(kind for kind, (late, _) in best.late.items() if is_too_late(late)),
+            is_too_late=any(is_too_late(late) for late, _ in best.late.values()),
             beside=best.beside,
             held=np.array(setup.config.held, int),
         )

@@ -50,7 +50,7 @@ class FitResult:
     held_out: int | None = None  # the episode that only the misfit was computed from
     # {"pictures": (seconds by which they are also late, std)}, also of readings; empty: known
     late_s: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    too_late: tuple[str, ...] = ()  # of these, where that is the most that is fitted
+    is_too_late: bool = False  # whether one of these is the most that is fitted
     beside: tuple[Beside, ...] = ()  # of each camera
     unusual_camera: CameraResponse | None = None  # what known colours make of one
     # (K,) indices of held parameters, which stay where the fit began

@@ -60,7 +60,7 @@ def conclude(
     at_ends = reach_warnings(space, side, read.mean)
     at_ends |= bound_warnings(space, space.to_unit(fit.parameters), is_fitted)
     # If the model lacks something else, none of its numbers is identified.
-    is_wrong = is_motion_unexplained(fit, refits) or bool(fit.too_late)
+    is_wrong = is_motion_unexplained(fit, refits) or fit.is_too_late
     is_sound = has_comparison(refits) and not is_wrong
     doubtful = np.array([not is_sound or name in at_ends for name in space.names])
     elsewhere = refits.is_elsewhere(fit.misfit)

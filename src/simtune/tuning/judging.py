@@ -247,4 +247,4 @@ class Judging:
     def _delays(self, fit: FitResult) -> list[str]:
         """Warnings of what comes late; actions that readings call late were shifted before."""
         steps = fit.latency_steps + (self.by_readings.latency_steps if self.by_readings else 0)
-        return delay_warnings(fit.late_s, steps, self.stage.context.simulator.step_s, fit.too_late)
+        return delay_warnings(fit.late_s, steps, self.stage.context.simulator.step_s)

@@ -7,12 +7,12 @@ import numpy as np
 
 from simtune.columns import cut
 from simtune.fit import (
+    READINGS,
     OutputErrorFit,
     bound_warnings,
     delay_warnings,
     timestep_warning,
 )
-from simtune.fit.lateness import READINGS, is_too_late
 from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
@@ -92,7 +92,6 @@ def all_warnings(
     """Of a fit with errors of (N,) `std` in unit coordinates; the rest as in `conclude`."""
     unseen, left_out = unmeasured
     late_s = {READINGS: (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)}
-    too_late = (READINGS,) if is_too_late(judged.late_steps[0]) else ()
     sensors = joints_of(observation.sensors)
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
     is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
@@ -100,7 +99,7 @@ def all_warnings(
     by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
     return [
         *([unseen_warning(unseen)] if unseen else []),
-        *delay_warnings(late_s, latency.steps, step_s, too_late),
+        *delay_warnings(late_s, latency.steps, step_s),
         *([] if latency.is_known else [_MAYBE_LATER]),
         *timestep_warning(space, judged.unit, by_timestep * (not is_futile), judged.timestep_s),
         *([] if unseen else _of_end(found)),
@@ -130,8 +129,7 @@ def _of_misfit(
     """Of readings whose residuals, (D,), are `unexplained`, and of those that are `untested`."""
     warnings, sensors = [], joints_of(observation.sensors)
     for said, which in ((_UNEXPLAINED, unexplained), (_UNTESTED, untested)):
-        each = zip(observation.reading_labels, which(noise, sensors), strict=True)
-        labels = [label for label, is_it in each if is_it]
+        labels = _labels(observation, which(noise, sensors))
         warnings += [said.format(", ".join(labels))] if labels else []
     also = _LEFT_OUT.format(cut(left_out, _MOST_NAMED)) if left_out else ""
     return [warning + also for warning in warnings]
@@ -139,9 +137,13 @@ def _of_misfit(
 
 def _of_offsets(offsets: np.ndarray, noise: np.ndarray, observation: ObservationModel) -> list[str]:
     """Of (D,) offsets that are smaller than the (D,) noise."""
-    each = zip(observation.reading_labels, (offsets != 0) & (np.abs(offsets) < noise), strict=True)
-    labels = [label for label, is_it in each if is_it]
+    labels = _labels(observation, (offsets != 0) & (np.abs(offsets) < noise))
     return [_NO_OFFSET.format(cut(labels, _MOST_NAMED))] if labels else []
+
+
+def _labels(observation: ObservationModel, which: np.ndarray) -> list[str]:
+    """Of the readings, (D,) bool."""
+    return [label for label, is_it in zip(observation.reading_labels, which, strict=True) if is_it]
 
 
 def _of_bounds(at_bounds: Mapping[str, str], is_futile: bool) -> list[str]:
