@@ -355,6 +355,12 @@ def test_what_a_tuning_file_has_wrong_is_said_before_torch_is_loaded(tmp_path):
     ]
 
 
+def test_what_reads_finished_runs_does_not_load_torch():
+    code = "import simtune.report, simtune.compare, sys; print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "False\n", done.stderr
+
+
 # --- what fails ---------------------------------------------------------------------------
 
 

@@ -6,7 +6,7 @@ import pytest
 from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.tuning import familiarity
 from simtune.tuning.detected import Detected, HeldOut
-from simtune.tuning.estimate import Estimate, Verdict
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.familiarity import (
     NOT_STRANGE,
     STRANGE,
@@ -14,6 +14,7 @@ from simtune.tuning.familiarity import (
     doubted,
     measure_strangeness,
 )
+from simtune.verdicts import Verdict
 from simtune.vision.detections import Detections
 
 WORLDS, EPISODES, STEPS, KEYPOINTS, SIZE = 60, 2, 50, 4, 64

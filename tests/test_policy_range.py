@@ -5,8 +5,9 @@ import pytest
 
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
-from simtune.tuning.estimate import Estimate, Verdict, unsure
+from simtune.tuning.estimate import Estimate, unsure
 from simtune.tuning.policy_range import policy_range
+from simtune.verdicts import Verdict
 
 
 def a_parameter(name: str, nominal: float, low: float, high: float) -> Parameter:

@@ -19,6 +19,7 @@ from simtune.tuning.survival_curves import (
     shortest_interval,
     with_fit,
 )
+from simtune.verdicts import IDENTIFIED_SHARE, WEAK_SHARE
 
 GRID = candidate_grid()
 CONFIG = RangeUpdateConfig()
@@ -207,13 +208,13 @@ def test_verdicts_go_by_the_interval_within_the_first_range():
         return read_curves(logistic([0.5, 0.5], scale), distribution, FIRST, CONFIG).verdict
 
     # The 90 % interval is 2·log(19)·scale = 5.9·scale, of a range that is 1 wide.
-    assert verdicts(0.95 * CONFIG.identified_share / 5.9) == ["identified"] * 2
-    assert verdicts(1.05 * CONFIG.identified_share / 5.9) == ["weak"] * 2
-    assert verdicts(0.95 * CONFIG.weak_share / 5.9) == ["weak"] * 2
+    assert verdicts(0.95 * IDENTIFIED_SHARE / 5.9) == ["identified"] * 2
+    assert verdicts(1.05 * IDENTIFIED_SHARE / 5.9) == ["weak"] * 2
+    assert verdicts(0.95 * WEAK_SHARE / 5.9) == ["weak"] * 2
     assert read_curves(flat(), FIRST, FIRST, CONFIG).verdict == ["not identifiable"] * 2
     # The same curve within a tenth of the first range is ten times as narrow.
     tenth = narrowed_to([0.45, 3**-0.1], [0.55, 3**0.1])
-    assert verdicts(2.5 * CONFIG.identified_share / 5.9, tenth) == ["identified"] * 2
+    assert verdicts(2.5 * IDENTIFIED_SHARE / 5.9, tenth) == ["identified"] * 2
 
 
 # --- moves --------------------------------------------------------------------------------

@@ -43,8 +43,9 @@ from simtune.run.files import read_json, read_jsonl
 from simtune.search_param_model.paper import PaperConfig
 from simtune.simulation import scale_actions
 from simtune.tasks import TASKS, load_task
-from simtune.tuning.estimate import Estimate, Verdict, unsure
+from simtune.tuning.estimate import Estimate, unsure
 from simtune.tuning.search import Round
+from simtune.verdicts import Verdict
 from simtune.vision.keypoints import Keypoints, find_keypoints
 
 TASK = load_task("cartpole")

@@ -9,7 +9,7 @@ from simtune.fit.sensitivity import Sensitivity
 from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
 from simtune.tuning.combinations import rounded_weight
-from simtune.tuning.range_update import RangeUpdateConfig
+from simtune.verdicts import IDENTIFIED_SHARE, WEAK_SHARE
 
 Shows = Literal["shows clearly", "shows weakly", "does not show"]
 CLEAR: Shows = "shows clearly"
@@ -63,10 +63,9 @@ def _shows(share: float, at_best: float) -> Shows:
     tuning can call identified even if its model leaves much, "does not show" what it cannot even
     call weak at best: no real fit knows more.
     """
-    limits = RangeUpdateConfig()
-    if share <= limits.identified_share:
+    if share <= IDENTIFIED_SHARE:
         return CLEAR
-    return "shows weakly" if at_best <= limits.weak_share else "does not show"
+    return "shows weakly" if at_best <= WEAK_SHARE else "does not show"
 
 
 def _nothing(
@@ -127,7 +126,7 @@ def _pair(
     names = [space.names[i], space.names[j]]
     correlation = float(sensitivity.correlation[i, j])
     combination = _combination(space, sensitivity, i, j)
-    both = max(share[i], share[j]) <= RangeUpdateConfig().identified_share
+    both = max(share[i], share[j]) <= IDENTIFIED_SHARE
     best = "told better together than alone" if both else "told together only"
     return {
         "parameters": names,

@@ -8,8 +8,8 @@ from simtune.normal import STDS_90
 from simtune.report.data import RunData
 from simtune.report.trust import ranks
 from simtune.report.words import number, unit
-from simtune.tuning.range_update import RangeUpdateConfig
 from simtune.validate import is_number
+from simtune.verdicts import IDENTIFIED_SHARE
 
 _MUCH = 3.0  # ratio of widths above which more time may help
 _FEW_REFITS = 4  # fewer refits widen intervals
@@ -36,14 +36,13 @@ def compare(run: RunData) -> list[PrecisionComparison]:
     """
     checked = run.object("check")
     found = []
-    narrow = RangeUpdateConfig.identified_share
     for name, facts in run.looked_at.items():
         expectation = checked.get(name)
         if not isinstance(expectation, dict) or not run.result:
             continue
         comparison = _of(run, name, facts, expectation)
         share = facts.get("interval_share")
-        if comparison.times is not None or (is_number(share) and share > narrow):
+        if comparison.times is not None or (is_number(share) and share > IDENTIFIED_SHARE):
             found.append(comparison)
     return found
 

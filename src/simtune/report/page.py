@@ -24,8 +24,8 @@ from simtune.report import (
 from simtune.report.data import RunData
 from simtune.report.read_run import POLICY_VIDEO, VIDEOS, read_run
 from simtune.run.files import write_atomically
-from simtune.tuning.range_update import RangeUpdateConfig
 from simtune.validate import is_number
+from simtune.verdicts import IDENTIFIED_SHARE, WEAK_SHARE
 
 
 def write_report(run_path: Path | str) -> Path:
@@ -57,8 +57,8 @@ def _page(run: RunData) -> str:
         comparisons=expected_precision.compare(run),
         pairs=trust.pairs(run),
         poses=trust.poses(run),
-        identified_share=RangeUpdateConfig.identified_share,
-        weak_share=RangeUpdateConfig.weak_share,
+        identified_share=IDENTIFIED_SHARE,
+        weak_share=WEAK_SHARE,
         config=json.dumps(run.config, indent=2, ensure_ascii=False),
         result_file=json.dumps(run.result, indent=2).encode(),
         written=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

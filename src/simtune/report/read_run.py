@@ -10,7 +10,6 @@ from simtune.errors import InputError
 from simtune.report.data import Posterior, RunData
 from simtune.run.config import check_names_task
 from simtune.run.files import read_json, read_jsonl
-from simtune.run.folder import POSTERIOR
 
 VIDEOS = ("real", "before", "after", "overlay", "unexplained")
 POLICY_VIDEO = "policy"  # of the policy that is scored
@@ -33,7 +32,7 @@ def read_run(path: Path) -> RunData:
         events=read_jsonl(path / "events.jsonl"),
         curves=_read_object(path / "curves.json"),
         replay=_read_object(path / "replay.json"),
-        posterior=_read_posterior(path / POSTERIOR),
+        posterior=_read_posterior(path / "posterior.npz"),
         videos={name: file.read_bytes() for name, file in videos.items() if file.is_file()},
     )
 

@@ -7,7 +7,7 @@ events.jsonl         ranges that widened, narrowed or moved, and why
 tensorboard/         the same scalars
 checkpoints/NNNNNN/  the latest two states, for resuming
 real/NNN.safetensors trajectories that a training filmed in the real world
-result.json  curves.json  posterior.npz  videos/  report.html
+result.json  curves.json  posterior.npz  replay.json  videos/  report.html
 """
 
 import fcntl
@@ -31,8 +31,6 @@ from simtune.run.logs import RunLogs
 from simtune.run.sources import keep_sources, named_sources
 from simtune.run.versions import changed_versions, versions
 
-POSTERIOR = "posterior.npz"
-REPLAY = "replay.json"
 _NUM_LINES = "log_lines"  # key of {log: number of lines} in a checkpoint's state
 
 log = logging.getLogger(__name__)
@@ -105,7 +103,7 @@ class RunFolder:
 
     def write_replay(self, curves: Mapping[str, Any]) -> None:
         """Replace replay.json: readings of an episode, and the simulator's readings."""
-        write_json(self.path / REPLAY, curves)
+        write_json(self.path / "replay.json", curves)
 
     def write_posterior(
         self, names: Sequence[str], draws: np.ndarray, correlation: np.ndarray
@@ -115,7 +113,7 @@ class RunFolder:
         """
         file = io.BytesIO()
         np.savez_compressed(file, names=np.array(names), draws=draws, correlation=correlation)
-        write_atomically(self.path / POSTERIOR, file.getvalue())
+        write_atomically(self.path / "posterior.npz", file.getvalue())
 
     def save_checkpoint(
         self, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]

@@ -6,9 +6,10 @@ import numpy as np
 
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.tuning.estimate import Estimate, at_most_weak
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.search import Event
 from simtune.tuning.survival_curves import candidate_grid
+from simtune.verdicts import at_most_weak
 
 _AT_EDGE = (
     "The truth may lie beyond the range that was searched of {}, which no fit can follow here, so "

@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 import simtune
 from simtune.errors import InputError
 from simtune.randomization import Distribution
+from simtune.verdicts import Verdict
 
-Verdict = Literal["identified", "weak", "not identifiable"]
 _ARRAYS = ("mean", "low", "high")
 _WRITER = "simtune"  # key of the version in a checkpoint
 
@@ -74,15 +74,6 @@ class Estimate:
         matrix = saved["correlation"]
         correlation = None if matrix is None else np.array(matrix)
         return cls(**{**saved, **arrays, "curves": curves, "correlation": correlation})
-
-
-def at_most_weak(verdicts: list[Verdict], doubtful: np.ndarray | None = None) -> list[Verdict]:
-    """The verdicts, with "identified" replaced by "weak"; `doubtful`: (N,) bool, by default all."""
-    doubts = [True] * len(verdicts) if doubtful is None else doubtful
-    return [
-        "weak" if is_doubtful and verdict == "identified" else verdict
-        for verdict, is_doubtful in zip(verdicts, doubts, strict=True)
-    ]
 
 
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:

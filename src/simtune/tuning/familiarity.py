@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.tuning.detected import Detected, HeldOut
-from simtune.tuning.estimate import Estimate, at_most_weak
+from simtune.tuning.estimate import Estimate
+from simtune.verdicts import at_most_weak
 
 _NEAREST = 3  # so that no single world decides
 _COMPARED = 400  # episodes of worlds, at most

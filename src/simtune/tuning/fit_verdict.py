@@ -21,11 +21,12 @@ from simtune.fit import (
 )
 from simtune.randomization import Distribution
 from simtune.tuning.edges import followed, out_of_reach, reach_warnings
-from simtune.tuning.estimate import Estimate, at_most_weak
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.learning import LearningResult
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.search import SearchContext
 from simtune.tuning.survival_curves import blurred, normal_curves, with_fit
+from simtune.verdicts import at_most_weak
 
 
 def conclude_by_networks(

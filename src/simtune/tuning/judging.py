@@ -18,7 +18,7 @@ from simtune.fit import (
 )
 from simtune.randomization import Distribution
 from simtune.tuning.earlier_rounds import EarlierRounds
-from simtune.tuning.estimate import Estimate, at_most_weak
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.fit_stage import FitStage, RefitPlan
 from simtune.tuning.fit_verdict import conclude, conclude_by_networks
 from simtune.tuning.learning import Learning, LearningResult
@@ -27,6 +27,7 @@ from simtune.tuning.readings.estimate import ReadingsEstimate
 from simtune.tuning.rounds import FIT, FIT_AGAIN, REFIT
 from simtune.tuning.search import Callbacks, SearchContext
 from simtune.tuning.survival_curves import point_estimate
+from simtune.verdicts import at_most_weak
 
 _FITS_SHARE = 0.9  # of the time then left, for a fit and its refits
 _FEWEST_FITS = 2  # within that time: the real fit and one refit

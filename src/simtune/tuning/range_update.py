@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.randomization import Distribution
-from simtune.tuning.estimate import Estimate, Verdict
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.search import Event
 from simtune.tuning.survival_curves import (
     candidate_grid,
@@ -13,6 +13,7 @@ from simtune.tuning.survival_curves import (
     quantile,
     shortest_interval,
 )
+from simtune.verdicts import Verdict, verdict_of
 
 _BEYOND = 0.05  # probability beyond an end of the grid, from which the interval reaches the bound
 _INFORMATIVE = 0.565  # of the range: a curve whose central 90 % is wider says nothing
@@ -25,9 +26,6 @@ class RangeUpdateConfig:
     margin: float = 1.6  # narrowed range over the central 98 %, so as not to cut off the posterior
     barely_narrowed: float = 0.85  # a range that keeps this share of its width is left as it is
     smallest_share: float = 0.06  # of the first range: smallest width of any range
-    # Width of the 90 % interval over the first range for "identified"; ±10 % on a log scale
-    identified_share: float = 0.09
-    weak_share: float = 0.6  # ... and up to here "weak"
     posterior_net_weight: float = 0.04  # for the case that the fit failed
 
 
@@ -49,18 +47,12 @@ def read_curves(
     low = np.where(prob_higher[:, 0] < 1 - _BEYOND, space.low, low)
     high = np.where(prob_higher[:, -1] > _BEYOND, space.high, high)
     share = first.to_range_unit(high) - first.to_range_unit(low)
-    verdicts: list[Verdict] = [_verdict(s, config) for s in share]
+    verdicts: list[Verdict] = [verdict_of(s) for s in share]
     candidates, curves = parameters(np.repeat(candidate_grid()[:, None], len(space), 1)), {}
     for name, values, row in zip(space.names, candidates.T, prob_higher, strict=True):
         kept = points_to_keep(row)
         curves[name] = (values[kept], row[kept])
     return Estimate(mean, low, high, verdicts, curves)
-
-
-def _verdict(share: float, config: RangeUpdateConfig) -> Verdict:
-    if share <= config.identified_share:
-        return "identified"
-    return "weak" if share <= config.weak_share else "not identifiable"
 
 
 def update_range(

@@ -24,10 +24,11 @@ from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
-from simtune.tuning.estimate import Estimate, at_most_weak
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.readings.search import ReadingsSearch
 from simtune.tuning.readings.verdict import ReadingsResult
 from simtune.tuning.search import SearchContext
+from simtune.verdicts import at_most_weak
 
 _CONTRADICTION = (
     "Joint readings and videos contradict each other on {}: [{:.4g}, {:.4g}] by readings alone, "

@@ -13,12 +13,13 @@ from simtune.normal import STDS_90
 from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.tuning.estimate import Estimate, at_most_weak
+from simtune.tuning.estimate import Estimate
 from simtune.tuning.range_update import RangeUpdateConfig, read_curves
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
 from simtune.tuning.readings.horizons import Latency
 from simtune.tuning.readings.warnings import Unmeasured, all_warnings
 from simtune.tuning.survival_curves import normal_curves
+from simtune.verdicts import at_most_weak
 
 _SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
 _LEAST_STD = 1e-3  # in unit coordinates
