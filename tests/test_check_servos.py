@@ -330,6 +330,26 @@ def test_columns_that_are_exchanged_are_told_by_whose_command_is_followed(factor
     assert said.endswith(": are columns exchanged? (likewise wrist elbow's)")
 
 
+def test_exchanged_columns_of_joints_that_move_against_each_other_are_no_reversed_sign():
+    """A gripper's two sides, or a squatting leg's hip and knee: either looks like both."""
+    elbow = commands()
+    wrist = [0.25 * other - its for its, other in zip(elbow, commands(seed=7), strict=True)]
+    asked, read = {"elbow": elbow, "wrist": wrist}, {"elbow": wrist, "wrist": elbow}
+    joints = [
+        Watched(name, "rad", asked[name], [reads(c) for c in read[name]], STEP_S) for name in asked
+    ]
+    for joint in joints:
+        assert follows(joint, look_at(joint).servo).correlation < -0.9
+        (said,) = grouped((seen := look_at(joint, joints)).doubts)
+        assert said.endswith(": are columns exchanged?")
+        assert seen.misread_by is None
+    own = [joint._replace(measured=[-reads(c) for c in joint.commands]) for joint in joints]
+    for joint in own:
+        (said,) = grouped((seen := look_at(joint, own)).doubts)
+        assert said.endswith("the sign of its readings, or of its actions, is reversed")
+        assert seen.misread_by == -1
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_velocities_are_told_where_positions_are_declared(sign):
     """Not as a reversed sign or another joint's column, either of which they look like."""

@@ -15,6 +15,8 @@ from simtune.checking.servos.following import (
 from simtune.checking.servos.velocities import are_velocities
 from simtune.columns import episode_in_words
 
+EXCHANGED = "are columns exchanged?"  # kind of a doubt
+
 _MOVED = 0.05  # of what is commanded: a joint that moves less stands still
 _STUCK_S = 0.7  # with exactly the same reading
 _STUCK_COMMANDED = 0.15  # of the commanded travel, in the meantime
@@ -43,17 +45,19 @@ def doubts(
         says = f"reads {value:.4g} {unit} all the time, while it is commanded over"
         asks = "is the sensor stuck, or another column meant?"
         return [_doubt(joint, f"{says} {servo.commanded:.3g} {unit}", asks)]
-    if odd := are_velocities(joint, servo, following) or _other_scale(joint, following):
+    if odd := are_velocities(joint, servo, following):
+        return [odd]
+    if other := followed_instead(joint, servo, following, others):  # may look like another sign
+        own = f"its own with a correlation of {following.correlation:.2f}"
+        doubt = _doubt(joint, f"follows {other}'s command, {own}", EXCHANGED)
+        return [*_stuck(joint, servo), doubt._replace(likewise=f"{name} {other}'s")]
+    if odd := _other_scale(joint, following):
         return [odd]
     if servo.travel < _MOVED * servo.commanded:
         asks = "is it switched on, and this its column?" + _in_other_unit(unit, servo)
         says = f"does not move, though commanded over {servo.commanded:.3g} {unit}: it reads within"
         return [_doubt(joint, f"{says} {servo.travel:.2g} {unit}", asks, "; ")]
     found = _stuck(joint, servo)
-    if other := followed_instead(joint, servo, following, others):
-        own = f"its own with a correlation of {following.correlation:.2f}"
-        says, asks = f"follows {other}'s command, {own}", "are columns exchanged?"
-        return [*found, _doubt(joint, says, asks)._replace(likewise=f"{name} {other}'s")]
     if abs(following.correlation) < HARDLY:
         says = f"hardly follows its command (correlation {following.correlation:.2f})"
         return [*found, _doubt(joint, says, "is it another joint's column?")]

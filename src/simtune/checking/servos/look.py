@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any, NamedTuple
 
 from simtune.checking.servos.doubt import Doubt
-from simtune.checking.servos.doubts import doubts, misread_by
+from simtune.checking.servos.doubts import EXCHANGED, doubts, misread_by
 from simtune.checking.servos.fit import ServoResponse, fit_servo, predict
 from simtune.checking.servos.following import Watched, follows
 from simtune.checking.servos.picture import Curve
@@ -38,11 +38,11 @@ def look_at(joint: Watched, others: Sequence[Watched] = ()) -> SeenJoint:
     (predicted,) = predict(servo, asked[:1], joint.step_s)
     following = follows(joint, servo)
     found = doubts(joint, servo, following, others)
-    are_velocities = any(doubt.kind == VELOCITIES for doubt in found)
+    is_another = any(doubt.kind in (VELOCITIES, EXCHANGED) for doubt in found)
     return SeenJoint(
         servo,
         play.width if play and play.is_clear(servo.noise) else None,
         Curve(joint.unit, asked[0], measured[0], predicted, servo),
         found,
-        misread_by=None if are_velocities else misread_by(joint.unit, following),
+        misread_by=None if is_another else misread_by(joint.unit, following),
     )
