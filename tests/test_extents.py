@@ -78,7 +78,24 @@ def test_where_all_is_small_something_is_said():
     (said,) = small({"bob": 2.6, "rod": 0.5}, 64, {"rod": ["rod_mass"]})
     assert _extents({"bob": 2.61, "rod": 0.5}, 64).endswith("pixels of 64: bob 2.6, rod 0.5")
     assert _extents({"bob": 0.0, "rod": 2.0}, 64).endswith(": rod 2.0, bob mostly out of sight")
-    assert "bob, is 2.6 of 64 pixels across. --image-size 128 would show 5" in said
+    assert "bob, is 2.6 of 64 pixels across. --image-size 128 would show 5.2, if" in said
+
+
+@pytest.mark.parametrize(
+    ("recorded_px", "advice"),
+    [
+        (480, "--image-size 128 would show 5.2; or look at a region of the recordings alone"),
+        (96, "--image-size 96 would show 3.9; or film it from nearer by"),
+        (64, "film it from nearer by"),
+    ],
+)
+def test_larger_pictures_are_asked_for_only_where_recordings_have_them(recorded_px, advice):
+    (said,) = small({"bob": 2.6}, 64, {}, recorded_px)
+    assert said.startswith(
+        f"what moves is small: the largest, bob, is 2.6 of 64 pixels across. {advice}"
+    )
+    (said,) = small({"bob": 0.5}, 64, {}, 1080)
+    assert "--image-size 256 would show 2.0;" in said, "no command takes more"
 
 
 def test_what_shows_little_and_is_small_is_said():

@@ -68,7 +68,7 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
         verdicts = {name: its["verdict"] for name, its in concluded["parameters"].items()}
         facts["extents_px"] = extents_px(simulator, states, simulator.views)
         unclear = unclear_of(simulator, verdicts, CLEAR)
-        warnings += small(facts["extents_px"], size, unclear)
+        warnings += small(facts["extents_px"], size, unclear, given.recorded_px)
     facts["warnings"] += [] if given.is_far else warnings  # which would follow from that
     facts |= {"episodes": len(actions), "steps": actions.shape[1], "step_s": simulator.step_s}
     return plain(facts | concluded)

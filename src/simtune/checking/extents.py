@@ -8,6 +8,7 @@ import numpy as np
 
 from simtune.before_after.moving_parts import part_name
 from simtune.cameras.views import View
+from simtune.config import LARGEST_PX
 from simtune.parameters import Parameter
 from simtune.simulation import Simulator
 from simtune.vision.corners import corners_of_parts
@@ -68,11 +69,15 @@ def corners_px(
 
 
 def small(
-    extents: dict[str, float], image_size: int, unclear: Mapping[str, Collection[str]]
+    extents: dict[str, float],
+    image_size: int,
+    unclear: Mapping[str, Collection[str]],
+    recorded_px: int | None = None,
 ) -> list[str]:
     """Warnings if even the largest moving body is small, or a body with an unclear parameter.
 
-    `unclear`: {body: its parameters that do not show clearly}.
+    `unclear`: {body: its parameters that do not show clearly}; `recorded_px`: height of recorded
+    pictures, None if there are none.
     """
     if not extents:
         return []
@@ -81,9 +86,9 @@ def small(
         return [_NOTHING]
     if extents[largest] < FEW_PX:
         its = f"what moves is small: the largest, {largest}, is"
-        return [_few_pixels(its, extents[largest], image_size)]
+        return [_few_pixels(its, extents[largest], image_size, recorded_px)]
     return [
-        _few_pixels(f"{', '.join(names)}: {body} is", extents[body], image_size)
+        _few_pixels(f"{', '.join(names)}: {body} is", extents[body], image_size, recorded_px)
         for body, names in unclear.items()
         if OUT_OF_SIGHT_PX < extents.get(body, 0.0) < FEW_PX
     ]
@@ -96,13 +101,15 @@ def enough_size(pixels: float, image_size: int) -> int:
     )
 
 
-def _few_pixels(what_is: str, pixels: float, image_size: int) -> str:
-    larger = enough_size(pixels, image_size)
-    return (
-        f"{what_is} {pixels:.1f} of {image_size} pixels "
-        f"across. --image-size {larger} would show {_ENOUGH_PX:g}, if the recordings have as many; "
-        "or look at a region of them alone, [camera] region = ..."
-    )
+def _few_pixels(what_is: str, pixels: float, image_size: int, recorded_px: int | None) -> str:
+    larger = min(enough_size(pixels, image_size), recorded_px or LARGEST_PX, LARGEST_PX)
+    ways = ["film it from nearer by"]
+    if recorded_px is None or recorded_px > LARGEST_PX:
+        ways.insert(0, "look at a region of the recordings alone, [camera] region = ...")
+    if larger > image_size:
+        shows = f"--image-size {larger} would show {pixels * larger / image_size:.1f}"
+        ways.insert(0, shows + ", if the recordings have as many" * (recorded_px is None))
+    return f"{what_is} {pixels:.1f} of {image_size} pixels across. {'; or '.join(ways)}"
 
 
 def unclear_of(

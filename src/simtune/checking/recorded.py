@@ -39,6 +39,7 @@ class Given(NamedTuple):
     facts: dict[str, Any]  # JSON, with warnings
     read: ReadEpisodes | None = None
     is_far: bool = False  # whether lengths are in another unit than the model's
+    recorded_px: int | None = None  # height of recorded pictures
 
 
 def of_recordings(
@@ -83,7 +84,7 @@ def of_recordings(
             path = named(config.pictures, "-servos" * bool(seen.cameras)) or new_file()
             draw_servos(path, task.name, read.curves, simulator.step_s)
             facts["servo_pictures"] = str(path)
-    return Given(simulator, actions, facts, read, bool(far))
+    return Given(simulator, actions, facts, read, bool(far), dataset.recorded_px)
 
 
 def look_through(

@@ -6,7 +6,7 @@ from simtune.config.evaluate import EvaluateConfig
 from simtune.config.export import ExportConfig
 from simtune.config.paths import check_paths
 from simtune.config.prints import Prints
-from simtune.config.real import NO_RECORDINGS, ROBOTS, RealConfig, RecordingsConfig
+from simtune.config.real import LARGEST_PX, NO_RECORDINGS, ROBOTS, RealConfig, RecordingsConfig
 from simtune.config.record import RecordConfig
 from simtune.config.sweep import FiguresConfig, SweepConfig
 from simtune.config.train import UNTUNED, TrainConfig
@@ -14,6 +14,7 @@ from simtune.config.tune import TuneConfig
 from simtune.config.types import check_types
 
 __all__ = [
+    "LARGEST_PX",
     "NO_RECORDINGS",
     "ROBOTS",
     "UNTUNED",

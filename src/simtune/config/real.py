@@ -8,7 +8,7 @@ from simtune.errors import InputError
 
 ROBOTS = ("xarm", "lerobot")
 NO_RECORDINGS = ("pseudo", *ROBOTS)  # values of --real that are no path
-_SMALLEST_PX, _LARGEST_PX = 32, 256
+_SMALLEST_PX, LARGEST_PX = 32, 256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +62,9 @@ class PictureOptions:
 
     def check_image_size(self) -> None:
         """Raises InputError if the size is too small or too large."""
-        if self.image_size is not None and not _SMALLEST_PX <= self.image_size <= _LARGEST_PX:
+        if self.image_size is not None and not _SMALLEST_PX <= self.image_size <= LARGEST_PX:
             raise InputError(
-                f"--image-size must lie in [{_SMALLEST_PX}, {_LARGEST_PX}], got {self.image_size}"
+                f"--image-size must lie in [{_SMALLEST_PX}, {LARGEST_PX}], got {self.image_size}"
             )
 
 
