@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -24,7 +24,6 @@ from simtune.fit import (
 )
 from simtune.fit.calibration.refits import believed_std, usual_std
 from simtune.fit.combine import COMMON_STD
-from simtune.fit.fit_warnings import too_late_warning
 from simtune.fit.lateness import is_too_late
 from simtune.fit.motion.common_errors import Beside, beside
 from simtune.fit.pictures.response import CameraResponse, Photometry
@@ -35,13 +34,15 @@ from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorConfig, PosteriorSearchParamModel
 from simtune.simulation import Rollouts
 from simtune.tasks import load_task
+from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.fit_stage import FitStage, RefitPlan
 from simtune.tuning.fit_verdict import conclude
 from simtune.tuning.joint import Joint
-from simtune.tuning.judging import Judging
+from simtune.tuning.judging import Fitted, Judging
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig
+from simtune.tuning.search import NO_CALLBACKS
 from simtune.tuning.survival_curves import normal_curves
 from simtune.vision.detector_noise import DetectorNoise
 from simtune.vision.image_noise import ImageNoise
@@ -633,7 +634,8 @@ def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
     assert "identified" not in found.verdict
     (warning,) = delay_warnings(late.late_s, 0, 0.05)
     assert "Pictures come 38 ms late, the most that is fitted" in warning
-    assert "come 38 ms early" in too_late_warning("Readings", -0.0375)
+    (warning,) = delay_warnings({"readings": (-0.0375, 0.0001)}, 0, 0.05)
+    assert "Readings come 38 ms early" in warning
     assert [is_too_late(steps) for steps in (0.6, 0.72, -0.75)] == [False, True, True]
 
 
@@ -728,6 +730,41 @@ def test_a_delay_in_pictures_is_told_once_with_what_readings_found_of_it(of_read
         f"What an action does shows in pictures {said} later than the recordings say (± 3 ms); "
         "the estimates allow for it."
     ]
+
+
+@pytest.mark.parametrize("motion", [0.3, 9.0])
+def test_other_actions_are_tried_only_where_no_parameters_explain_the_motion(monkeypatch, motion):
+    first = Distribution.first(SPACE, SPACE.nominal)
+    flat = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
+    fit, known = a_fit(motion=motion, latency_steps=2), refits_of(np.zeros((3, len(SPACE))))
+    tried = []
+
+    def misread_actions(observed: object, start: object, latencies: list[int]) -> list[str]:
+        tried.append(latencies)
+        return ["the motor pushes the other way"]
+
+    stage = SimpleNamespace(
+        context=SimpleNamespace(simulator=SimpleNamespace(step_s=0.05)),
+        observed=lambda *_: "what was observed",
+        refit=lambda *_: known,
+        replay_fit=SimpleNamespace(misread_actions=misread_actions),
+    )
+    facts: dict[str, Any] = {
+        **dict.fromkeys(("start", "by_readings")),
+        "stage": stage,
+        "learned": SimpleNamespace(prob_higher=flat, searched=first, detected=()),
+        "learning": SimpleNamespace(worlds=SimpleNamespace(rng=None)),
+        "earlier": EarlierRounds(),
+        "first": first,
+        "config": PosteriorSearchConfig(),
+    }
+    monkeypatch.setattr(Judging, "_fit", lambda *_: Fitted(fit, cast(Any, stage), 1.0))
+    judged = Judging(**facts).judge(False, Budget(), NO_CALLBACKS)
+    is_wrong = motion == 9.0
+    assert tried == [[0, 2]] * is_wrong
+    said = judged.estimate.warnings
+    assert (said[0] == "the motor pushes the other way") == is_wrong
+    assert any("No setting of the parameters" in warning for warning in said) == is_wrong
 
 
 def test_blocks_of_covariances_become_one_correlation():

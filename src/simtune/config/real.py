@@ -74,8 +74,8 @@ class RealConfig(RecordingsConfig):
 
     real: str = "pseudo"
     """The real world: `pseudo` (a simulated one, whose truth gives a score), recordings of video
-    and actions (a LeRobotDataset v3 or v2, pairs of mp4 and csv, or HDF5: docs/recordings.md), or a
-    robot: `xarm`, `lerobot`."""
+    and actions (a LeRobotDataset v3 or v2, HDF5, or a folder of NAME.npz, or of pairs of mp4 and
+    csv: docs/recordings.md), or a robot: `xarm`, `lerobot`."""
     robot: Path | None = None
     """With `xarm` and `lerobot`: a TOML file of the robot, its limits and its camera."""
     move: bool = False

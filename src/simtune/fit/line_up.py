@@ -130,7 +130,7 @@ def _find_latency(
     """
     states, parameters = followed.states[fitted], followed.start.parameters
     late = [observed.delayed(steps).episodes(fitted) for steps in latencies]
-    misfits = [_fit_quickly(setup, candidate, states, parameters).misfit for candidate in late]
+    misfits = [fit_quickly(setup, candidate, states, parameters).misfit for candidate in late]
     return latencies[clearly_best(np.array(misfits))]
 
 
@@ -141,15 +141,16 @@ def _find_offsets(
     if not has_unknown_offsets(observed):
         return observed, np.zeros(0)
     loose = loosened(observed)
-    fit = _fit_quickly(setup, loose, setup.estimator(loose), parameters)
+    fit = fit_quickly(setup, loose, setup.estimator(loose), parameters)
     unit = setup.space.to_unit(parameters)
     unit[setup.moving] = fit.unit
     return without_offsets(observed, setup.physics, fit, setup.space.from_unit(unit))
 
 
-def _fit_quickly(
+def fit_quickly(
     setup: FitSetup, observed: Observed, states: np.ndarray, parameters: np.ndarray
 ) -> ShootingFit:
+    """Fit few short windows from first guesses at the (E, T + 1, nq + nv) states."""
     num_windows = int(np.clip(setup.config.shooting.num_windows, *_QUICK_WINDOWS))
     quick = ShootingConfig(stages=_QUICK_STAGES, num_windows=num_windows)
     return setup.shooting(setup.moving, quick).fit(observed, states, parameters)

@@ -12,6 +12,7 @@ from simtune.budget import Budget
 from simtune.fit.fit_setup import FitSetup
 from simtune.fit.lateness import PICTURES, is_too_late, states_in_late_pictures
 from simtune.fit.line_up import LinedUp, line_up
+from simtune.fit.misread_actions import misread_actions
 from simtune.fit.motion.estimator import StateEstimator
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.motion.two_sides import TwoSidedFit, fit_from_two_sides
@@ -95,6 +96,15 @@ class ReplayFit:
         unit[self._appearance] = pictures.unit
         return self._result(unit, lined_up, motion, pictures, split)
 
+    def misread_actions(
+        self, observed: Observed, start: PointEstimate, latencies: Sequence[int]
+    ) -> list[str]:
+        """See there; none where readings tell a robot's motion, whatever its actions are."""
+        if self._setup.joints is not None:
+            return []
+        fitted = observed.episodes(Split.of(len(observed)).fitted)
+        return misread_actions(self._setup, fitted, start.parameters, latencies)
+
     def _fit_motion(self, lined_up: LinedUp, fitted: slice, until_s: float | None) -> TwoSidedFit:
         """Fit what moves to the fitted episodes; to longer windows only `until_s`, if given."""
         observed = lined_up.observed
@@ -157,7 +167,7 @@ class ReplayFit:
             responses=pictures.responses,
             unusual_camera=self._photometry.unusual(pictures.responses) if known.size else None,
             held_out=split.held_out,
-            late_s={kind: (step_s * late, step_s * std) for kind, (late, std) in best.late.items()},
+            late_s={k: (step_s * late, step_s * error) for k, (late, error) in best.late.items()},
             is_too_late=any(is_too_late(late) for late, _ in best.late.values()),
             beside=best.beside,
             held=np.array(setup.config.held, int),

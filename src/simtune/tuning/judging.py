@@ -15,6 +15,7 @@ from simtune.fit import (
     PointEstimate,
     Refits,
     delay_warnings,
+    is_motion_unexplained,
 )
 from simtune.randomization import Distribution
 from simtune.tuning.earlier_rounds import EarlierRounds
@@ -136,6 +137,11 @@ class Judging:
         made = stage.refit(observed, fit, self.start, plan, rng, is_last, part)
         refits = self.earlier.refits_to_trust(made)
         estimate, curves = self._conclude(fit, refits)
+        if is_motion_unexplained(fit, refits):
+            budget.report("looking for other actions that explain it", REFIT[1])
+            latencies = sorted({0, fit.latency_steps})
+            said = stage.replay_fit.misread_actions(observed, self.start, latencies)
+            estimate = replace(estimate, warnings=[*said, *estimate.warnings])
         return Judged(estimate, curves, EarlierRounds(refits, estimate))
 
     @property

@@ -1,7 +1,6 @@
 """What readings and actions may be instead: other signs, columns, units and zeros."""
 
-from collections.abc import Iterator, Sequence
-from itertools import combinations
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +10,10 @@ from simtune.checking.servos.doubts import OTHER_UNITS
 from simtune.fit import Readings
 from simtune.observation import JointSensor, ObservationModel, columns_of, joints_of
 from simtune.simulation import Simulator
-from simtune.simulation.servos import actuator_name, motors
+from simtune.simulation.other_actions import exchanged, other_actions, pairs
 
 _EIGHTH = np.pi / 4  # of a turn, by which zeros are tried
 _FINER = 3  # zeros to both sides of the best one
-_MOST_COLUMNS = 8  # of which any two may be exchanged; of more, neighbours
 
 
 class Change(NamedTuple):
@@ -53,48 +51,20 @@ def changes(simulator: Simulator, observation: ObservationModel) -> list[Change]
         for column, (sensor, _) in enumerate(columns)
         if servos[column] is None and not sensor.is_velocity
     ]
-    found = [*_of_motors(same, simulator)]
+    found = [same._replace(**its._asdict()) for its in other_actions(simulator)]
     for column in free:
         is_its = np.array([name == names[column] for name in names])  # its velocity's, too
         says = f"{names[column]} seems to be read with a reversed sign"
         found.append(same._replace(says=says, factor=np.where(is_its, -1.0, 1.0)))
-    for one, other in _pairs(free):
+    for one, other in pairs(free):
         says = f"the columns of {names[one]} and {names[other]} seem to be exchanged"
-        found.append(same._replace(says=says, read=_exchanged(same.read, one, other)))
+        found.append(same._replace(says=says, read=exchanged(same.read, one, other)))
     for sensor in {columns[column][0].name: columns[column][0] for column in free}.values():
         found += _other_units(same, sensor, np.array([its is sensor for its, _ in columns]))
     for column in free:
         if columns[column][0].unit == "rad":
             found += _other_zeros(same, column, names[column], columns[column][0].name)
     return found
-
-
-def _of_motors(same: Change, simulator: Simulator) -> Iterator[Change]:
-    """Of actions of motors that push both ways."""
-    model, mapping = simulator.model, simulator.action_mapping
-    pushes = {actuator_name(model, i) for i in np.flatnonzero(motors(model)).tolist()}
-    of_motors = [i for i, name in enumerate(mapping.names) if name in pushes]
-    for action in of_motors:
-        low, high = mapping.range[action]
-        if low < 0 < high:
-            says = f"{mapping.names[action]} seems to push the other way"
-            yield same._replace(says=says, push=np.where(same.act == action, -1.0, 1.0))
-    for one, other in _pairs(of_motors):
-        says = f"actions of {mapping.names[one]} and {mapping.names[other]} seem to be exchanged"
-        yield same._replace(says=says, act=_exchanged(same.act, one, other))
-
-
-def _pairs(some: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """That may be exchanged."""
-    for one, other in combinations(some, 2):
-        if len(some) <= _MOST_COLUMNS or some.index(other) == some.index(one) + 1:
-            yield one, other
-
-
-def _exchanged(taken: np.ndarray, one: int, other: int) -> np.ndarray:
-    exchanged = taken.copy()
-    exchanged[[one, other]] = taken[[other, one]]
-    return exchanged
 
 
 def _other_units(same: Change, sensor: JointSensor, its: np.ndarray) -> Iterator[Change]:

@@ -1,0 +1,67 @@
+"""Whether other actions than the recorded ones explain a motion that no parameters explain."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from simtune.fit.fit_setup import FitSetup
+from simtune.fit.line_up import clearly_best, fit_quickly
+from simtune.fit.motion.shooting import ShootingFit
+from simtune.fit.observed import Observed
+from simtune.simulation.other_actions import OtherActions, other_actions
+
+_MOST_CHANGES, _MOST_S = 3, 20.0  # seconds for all together
+_BETTER = 1.0  # by which −log likelihood per observation must fall: a third of the distance
+_SAID = (
+    "This would explain the motion: {}. Then short parts of it end {:.1f} times as near to where "
+    "they were seen. If it is so, correct the recorded actions, or what the model makes of them."
+)
+_MIRRORED = ", or the film is mirrored"
+
+
+def misread_actions(
+    setup: FitSetup, observed: Observed, parameters: np.ndarray, latencies: Sequence[int]
+) -> list[str]:
+    """A sentence on changes of the actions of E episodes that explain them far better, if any do.
+
+    Those that `other_actions` lists are tried as latencies are: short windows are fitted quickly,
+    from (N,) `parameters`, and the best of the `latencies` counts. They are made one after the
+    other, as long as any helps.
+    """
+    until_s, found = time.monotonic() + _MOST_S, list[OtherActions]()
+    first = best = _fit(setup, observed, parameters, latencies)
+    tried = list(other_actions(setup.physics.simulator))
+    while len(found) < _MOST_CHANGES:
+        fits = [best]
+        for other in tried:
+            if time.monotonic() > until_s:
+                break
+            changed = replace(observed, actions=other.of(observed.actions))
+            fits.append(_fit(setup, changed, parameters, latencies))
+        number = clearly_best(np.array([fit.misfit for fit in fits]))
+        if _mean(best) - _mean(fits[number]) < _BETTER:
+            break
+        best, other = fits[number], tried[number - 1]
+        observed = replace(observed, actions=other.of(observed.actions))
+        found.append(other)
+    if not found:
+        return []
+    says = ", and ".join(other.says for other in found)
+    pushes = np.prod([other.push for other in found], 0)
+    nearer = float(np.nanmax(np.divide(first.distances, best.distances)))
+    return [_SAID.format(says + _MIRRORED * bool((pushes < 0).all()), nearer)]
+
+
+def _fit(
+    setup: FitSetup, observed: Observed, parameters: np.ndarray, latencies: Sequence[int]
+) -> ShootingFit:
+    """The best with any of the latencies."""
+    late = [observed.delayed(steps) for steps in latencies]
+    fits = [fit_quickly(setup, its, setup.estimator(its), parameters) for its in late]
+    return min(fits, key=_mean)
+
+
+def _mean(fit: ShootingFit) -> float:
+    return float(fit.misfit.mean())

@@ -1,0 +1,57 @@
+"""What recorded actions of motors may be instead: of the other sign, or of another motor.
+
+A servo's command says where its joint should be; a motor's says only what pushes it, so a mistake
+shows in the motion alone.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.simulation.servos import actuator_name, motors
+from simtune.simulation.simulator import Simulator
+
+_MOST_OF_ALL = 8  # of which any two may be exchanged; of more, neighbours
+
+
+class OtherActions(NamedTuple):
+    """A change of (..., A) actions."""
+
+    says: str
+    act: np.ndarray  # (A,) actions to take
+    push: np.ndarray  # (A,) factor on them
+
+    def of(self, actions: np.ndarray) -> np.ndarray:
+        return actions[..., self.act] * self.push
+
+
+def other_actions(simulator: Simulator) -> Iterator[OtherActions]:
+    """All that may be meant: reversed ones of motors that push both ways, and exchanged ones."""
+    model, mapping = simulator.model, simulator.action_mapping
+    pushes = {actuator_name(model, i) for i in np.flatnonzero(motors(model)).tolist()}
+    of_motors = [i for i, name in enumerate(mapping.names) if name in pushes]
+    each, same = np.arange(simulator.num_actions), np.ones(simulator.num_actions)
+    for action in of_motors:
+        low, high = mapping.range[action]
+        if low < 0 < high:
+            says = f"{mapping.names[action]} seems to push the other way"
+            yield OtherActions(says, each, np.where(each == action, -1.0, same))
+    for one, other in pairs(of_motors):
+        says = f"actions of {mapping.names[one]} and {mapping.names[other]} seem to be exchanged"
+        yield OtherActions(says, exchanged(each, one, other), same)
+
+
+def pairs(some: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """That may be exchanged: any two of a few, neighbours of many."""
+    for one, other in combinations(some, 2):
+        if len(some) <= _MOST_OF_ALL or some.index(other) == some.index(one) + 1:
+            yield one, other
+
+
+def exchanged(columns: np.ndarray, one: int, other: int) -> np.ndarray:
+    """(D,) columns with two of them in each other's place."""
+    changed = columns.copy()
+    changed[[one, other]] = columns[[other, one]]
+    return changed
