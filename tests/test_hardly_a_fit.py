@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from search_context import context_of
 
-from simtune import tuning_run
+from simtune.experiment import enough_time
 from simtune.tasks import load_task
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.search import TimeNeeded
@@ -30,7 +30,7 @@ def test_a_budget_hardly_enough_for_a_fit_says_what_to_expect_and_what_is_cheape
     search = PosteriorSearch(context, tiny)
     search.context = SimpleNamespace(can_fit=True, observation=SimpleNamespace(sensors=sensors))
     with caplog.at_level("INFO", "simtune"):
-        tuning_run._say_if_unfitted(search, minutes, 20.0, TimeNeeded(250.0, 1309.0))
+        enough_time.say_if_unfitted(search, minutes, 20.0, TimeNeeded(250.0, 1309.0))
     assert bool(caplog.text) == is_said
     if is_said:
         assert "In --budget-minutes 6 there is hardly time to fit anything" in caplog.text
@@ -43,9 +43,9 @@ def test_nothing_of_fits_is_said_where_none_is_possible(context, tiny, caplog):
     search = PosteriorSearch(context, tiny)
     search.context = SimpleNamespace(can_fit=False)
     with caplog.at_level("INFO", "simtune"):
-        tuning_run._say_if_unfitted(search, 6.0, 20.0, TimeNeeded(250.0, 1309.0))
+        enough_time.say_if_unfitted(search, 6.0, 20.0, TimeNeeded(250.0, 1309.0))
         other = SimpleNamespace(measure_time=None)  # of readings alone, or by the paper
-        tuning_run._say_if_unfitted(other, 6.0, 20.0, TimeNeeded(250.0, 1309.0))
+        enough_time.say_if_unfitted(other, 6.0, 20.0, TimeNeeded(250.0, 1309.0))
     assert not caplog.text
 
 
@@ -56,7 +56,7 @@ def test_time_that_readings_take_first_is_no_time_for_a_fit(context, tiny, caplo
     )
     with caplog.at_level("INFO", "simtune"):
         for first_s in (0.0, 50.0, 1e4):  # of 393 s of 1309; 10⁴ s are half of 414 s at most
-            tuning_run._say_if_unfitted(
+            enough_time.say_if_unfitted(
                 search, 6.9, 20.0, TimeNeeded(250.0, 1309.0, first_s=first_s)
             )
             said, is_first = caplog.text, first_s == 0

@@ -20,11 +20,11 @@ from simtune.before_after import start_search, videos
 from simtune.before_after.start_search import StartSearchConfig
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
-from simtune.experiment import outcome
+from simtune.experiment import enough_time, outcome
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.presets import choose_search_settings
 from simtune.observation import ObservationModel
-from simtune.parameters import Parameter
+from simtune.parameters import Parameter, ParameterSpace
 from simtune.real.choose import choose_real, read_parameters
 from simtune.real.pseudo import PseudoReal
 from simtune.real.truth import Truth
@@ -422,9 +422,9 @@ def test_what_libraries_take_to_load_but_no_robot_to_film_is_part_of_the_budget(
 
 
 def test_a_time_too_short_for_a_search_that_cannot_tell_names_no_round():
-    tuning_run._refuse_if_too_short(0.4, 20.0, TimeNeeded(0.0, 0.0))
+    enough_time.refuse_if_too_short(0.4, 20.0, TimeNeeded(0.0, 0.0))
     with pytest.raises(InputError) as refused:
-        tuning_run._refuse_if_too_short(0.3, 20.0, TimeNeeded(0.0, 0.0))
+        enough_time.refuse_if_too_short(0.3, 20.0, TimeNeeded(0.0, 0.0))
     assert str(refused.value) == (
         "--budget-minutes 0.3 is too short: nothing can be searched in that time, as the run takes "
         "about 20 s beside the search; give more"
@@ -617,6 +617,13 @@ def test_percent_error_equals_hand_calculation():
     np.testing.assert_allclose(error, np.abs(np.linspace(-50, 50, len(SPACE))), atol=1e-9)
     real[:] = 0  # a copy: the truth stays as it is
     np.testing.assert_array_equal(truth.score(SPACE.nominal)[0], SPACE.nominal)
+
+
+def test_a_truth_of_0_is_beside_a_hundredth_of_the_farther_bound():
+    fields = {"field": "qpos0", "objects": ("joint",), "unit": "rad", "nominal": -0.05}
+    space = ParameterSpace([Parameter(name="zero", low=-0.1, high=0.0, scale="linear", **fields)])
+    _, error = Truth(space, np.zeros(1)).score(np.array([-0.002]))
+    np.testing.assert_allclose(error, [200])
 
 
 # --- the pieces ---------------------------------------------------------------------------

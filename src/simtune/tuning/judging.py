@@ -48,11 +48,11 @@ _WORTH_REPEATING, _REPEATED = 4.0, 1.5
 
 
 class Fitted(NamedTuple):
-    """A fit, how it was made, and how long that took."""
+    """A fit, and how it was made."""
 
     fit: FitResult
     stage: FitStage
-    seconds: float
+    seconds: float  # that its first attempt took, as a refit may
 
 
 class Judged(NamedTuple):
