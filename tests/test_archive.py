@@ -37,7 +37,11 @@ def test_a_process_killed_between_two_renames_loses_no_episode(
         patch.setattr(os, "replace", die)
         with pytest.raises(KeyboardInterrupt):
             session.add(an_episode())
+    left = sorted(path.name for path in tmp_path.iterdir())
     assert archive.num_episodes == kept
     assert len(archive.read(32)) == kept
+    RecordingArchive(tmp_path, 1, Footage(name="front", camera="front"), {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == left  # as a dry run leaves it
     archive.new_session(**ABOUT).add(an_episode())
     assert archive.num_episodes == kept + 1
+    assert not list(tmp_path.glob(".*.old"))

@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import mujoco
 import numpy as np
@@ -488,6 +489,20 @@ def test_without_joints_there_is_no_pose(options, tmp_path):
     asked = replace(options, task="cartpole", real=tmp_path, camera_pose=tmp_path / "camera.toml")
     with pytest.raises(InputError, match=r"--observe cameras,joints"):
         find_camera_pose(asked)
+
+
+def test_a_pose_is_written_whole_and_as_utf_8_whatever_the_locale(tmp_path, monkeypatch):
+    monkeypatch.setattr("io.text_encoding", lambda encoding, *_: encoding or "ascii")
+    needed = ("load_task", "replace", "with_any_camera", "open_recordings", "RecordedReal")
+    for name in needed:
+        monkeypatch.setattr(find, name, MagicMock())
+    monkeypatch.setattr(find, "observed", lambda *_, **__: MagicMock(cameras=[MagicMock()]))
+    monkeypatch.setattr(find, "find_pose", lambda *_: {"is_found": True})
+    monkeypatch.setattr(find, "tuning_table", lambda _: "# within 2°\n")
+    path = tmp_path / "camera.toml"
+    find_camera_pose(CheckConfig(task="cartpole", real=tmp_path, camera_pose=path))
+    assert path.read_text(encoding="utf-8") == "# within 2°\n"
+    assert [file.name for file in tmp_path.iterdir()] == ["camera.toml"]
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """Tasks that a dict in Python declares, with a model or an environment as an object."""
 
 import importlib.util
-import json
 import tomllib
 from functools import partial
 from pathlib import Path
@@ -12,9 +11,12 @@ import pytest
 
 import simtune
 from simtune.api import declared
+from simtune.errors import InputError
 from simtune.experiment import outcome
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.run import Run
+from simtune.parameters import ParameterSpace
+from simtune.real.choose import read_parameters
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 CART = EXAMPLES / "cart_pendulum"
@@ -203,7 +205,27 @@ def test_objects_of_another_kind_are_refused(ball):
         task.load_actions()
 
 
-def test_values_are_written_as_toml_has_them():
-    values = {"a": 'x"\\\n°', "b": [1, 2.5e-07, float("inf"), True], "c": [{"d e": {"f": []}}]}
-    text = "".join(f"{json.dumps(k)} = {declared._toml(v)}\n" for k, v in values.items())
-    assert tomllib.loads(text) == values
+def test_files_are_copied_from_folders_with_a_colon_in_their_names(tmp_path):
+    (source := tmp_path / "a:b").mkdir()
+    (source / "r.py").write_text("def good(): ...\n")
+    (folder := tmp_path / "task").mkdir()
+    assert declared._copied(f"{source / 'r.py'}:good", folder) == "0/r.py:good"
+    assert declared._copied(str(source / "r.py"), folder) == "1/r.py"
+    assert (folder / "0" / "r.py").is_file()
+
+
+def test_files_are_utf_8_whatever_the_locale(tmp_path, monkeypatch):
+    monkeypatch.setattr("io.text_encoding", lambda encoding, *_: encoding or "ascii")
+    values = {"name": "Pfütze"}
+    file = declared._write(values, tmp_path / "task")
+    assert tomllib.loads(file.read_text(encoding="utf-8")) == values
+    (world := tmp_path / "world.json").write_text('{"Röhre": 2}', encoding="utf-8")
+    with pytest.raises(InputError, match="Röhre"):
+        read_parameters(world, ParameterSpace([]))
+
+
+def test_values_are_written_as_toml_has_them(tmp_path):
+    nested = {"c": [{"d e": {"f": []}}], "😀 \x7f": 1}
+    values = {"a": 'x"\\\n°\x7f', "b": [1, 2.5e-07, float("inf"), True]} | nested
+    file = declared._write(values, tmp_path / "task")
+    assert tomllib.loads(file.read_text(encoding="utf-8")) == values

@@ -150,6 +150,19 @@ def test_points_are_where_the_ball_is_in_the_picture():
     np.testing.assert_array_equal(again.chosen, points.chosen)
 
 
+def test_an_environments_own_time_limit_ends_no_world(ball):
+    class Limited(ball.BouncingBall):
+        def step(self, action):
+            *rest, info = super().step(action)
+            rest[3] = True
+            return (*rest, info)
+
+    simulator = replace(TASK, make=Limited).simulator(image_size=SIZE)
+    parameters, actions, rng = some_worlds(3, 10)
+    assert len(simulator.roll_out(parameters, actions, rng)) == 3
+    assert not simulator.num_diverged
+
+
 def test_worlds_that_end_before_their_time_are_left_out(ball):
     class Mortal(ball.BouncingBall):
         def step(self, action):

@@ -348,7 +348,9 @@ def test_tuning_file_takes_calibrations_as_others_write_them(scene, load, name, 
         ('[camera]\ncamera = "above"\nlens = "wide"', 5, "no key 'lens'"),
         ('[[cameras]]\ncamera = "above"\n[[cameras]]\ncamera = "above"', 5, "the name 'above'"),
         ('[[cameras]]\nname = "above"\n[[cameras]]\nname = "turning"', 5, "two without a key"),
-        ('[camera]\ncamera = "above"\nlatency_s = 2', 5, "latency_s must be from 0 to 1"),
+        ('[camera]\ncamera = "above"\nlatency_s = 2', 5, r"latency_s must lie in \[0, 1\] s"),
+        ('[camera]\ncamera = "above"\ncalibration = "new.yml"', 5, "never calibrated"),
+        ('[camera]\ncamera = "above"\ncalibration = "true.yml"', 5, "pixels; got True"),
         (
             '[camera]\ncamera = "above"\n' + INTRINSICS + "distortion = [-3, 0, 0, 0, 0]",
             5,
@@ -358,6 +360,8 @@ def test_tuning_file_takes_calibrations_as_others_write_them(scene, load, name, 
 )
 def test_tuning_file_says_what_is_wrong_with_a_camera(scene, refuses, camera, line, message):
     (scene / "fish.yml").write_text(FISHEYE)
+    (scene / "new.yml").write_text(ROS.replace("80, 0, 47.5, 0, 80, 31.5, 0, 0, 1", "0," * 8 + "0"))
+    (scene / "true.yml").write_text(ROS.replace("width: 96", "width: true"))
     refuses(f"{SCENE_TOML}{camera}\n{PARAMETER}", line, message)
 
 

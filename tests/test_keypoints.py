@@ -1,6 +1,8 @@
 """Keypoints: where points of moving geoms appear, against plain loops and against pictures."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -15,13 +17,16 @@ from simtune.parameters import (
     colour,
     field_of_view,
 )
+from simtune.randomization import Distribution
+from simtune.simulation import Simulator
 from simtune.simulation.rendering.renderer import make_renderer
 from simtune.simulation.worlds import Worlds
-from simtune.tasks import TASKS, load_task
+from simtune.tasks import TASKS, load_any_task, load_task
 from simtune.vision.keypoints import (
     _project,
     candidate_keypoints,
     choose_keypoints,
+    find_keypoints,
     is_drawn,
 )
 
@@ -245,3 +250,25 @@ def test_the_same_keypoints_come_back_from_json(name):
         batch.bind(field)
     batch.forward()
     assert again.observe(batch).shape == (2, 2 * len(keypoints))
+
+
+@pytest.mark.parametrize("file", ["cartpole", "examples/bouncing_ball/tune.toml"])
+def test_pilots_that_all_end_early_are_said_to_diverge_if_they_are_a_models(file, monkeypatch):
+    """An environment may end its episodes: then what was seen up to there is used."""
+    name = file if "/" not in file else str(Path(__file__).parents[1] / file)
+    task = load_any_task(name)
+    simulator = task.simulator(image_size=32)
+    monkeypatch.setattr("simtune.vision.keypoints.PILOT_STEPS", 320)
+
+    def lose_all(*given, **options):
+        played = play(*given, **options)
+        return replace(played, lengths=np.full_like(played.lengths, 2))
+
+    play = simulator.play
+    monkeypatch.setattr(simulator, "play", lose_all)
+    first = Distribution.first(task.parameters, task.parameters.nominal)
+    if isinstance(simulator, Simulator):
+        with pytest.raises(RuntimeError, match=r"worlds .* diverged within .* check the timestep"):
+            find_keypoints(simulator, first, 0)
+    else:
+        assert len(find_keypoints(simulator, first, 0)) == 1

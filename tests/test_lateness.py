@@ -18,7 +18,7 @@ from test_fit import (  # noqa: F401
 
 from simtune.before_after.videos import film_from
 from simtune.fit import Lateness, Physics, states_in_late_pictures
-from simtune.fit.fit_warnings import delay_warnings, lateness_warning
+from simtune.fit.fit_warnings import delay_warnings
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.observation import AllEvidence, JointReadings, ObservationModel
@@ -202,7 +202,7 @@ def test_what_a_camera_adds_is_told_beside_readings_on_time(played):  # noqa: F8
 
 @pytest.mark.parametrize(("std_s", "said"), [(0.0123, "12"), (0.0096, "9.6"), (0.0099999, "10")])
 def test_how_sure_a_lateness_is_has_no_power_of_ten(std_s: float, said: str):
-    (warning,) = lateness_warning("readings", 0.09, std_s)
+    (warning,) = delay_warnings({"readings": (0.09, std_s)}, 0, step_s=0.2)
     assert f"seem to come 90 ms later than the recordings say (± {said} ms);" in warning
 
 

@@ -588,3 +588,9 @@ class TestMessages:
         message = rf"parameters must be \(3, {n}\), got \({n},\)"
         with pytest.raises(ValueError, match=message):
             writer.write_batch(Batch(model, 3, 1), np.ones(n))
+
+
+def test_masks_of_no_parameters_are_masks():
+    space = ParameterSpace([])
+    for mask in ("is_log", "is_colour", "is_visible", "is_appearance", "is_delay"):
+        assert getattr(space, mask).dtype == bool

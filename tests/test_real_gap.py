@@ -131,7 +131,7 @@ def test_the_same_seed_films_the_same_and_another_one_something_else(simulator):
 def test_only_the_simulators_own_pictures_look_like_it(simulator):
     for gap in (None, STILL):
         real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=gap)
-        assert real.observation.same_renderer is (gap is None)
+        assert real.observation.cameras[0].same_renderer is (gap is None)
 
 
 def test_a_world_behind_a_gap_does_not_give_its_parameters_away(simulator):

@@ -22,6 +22,7 @@ from simtune.checking.recorded import look_through
 from simtune.config import RecordingsConfig
 from simtune.errors import InputError
 from simtune.recordings import Dataset, decode, open_dataset, write_dataset, write_video
+from simtune.recordings.controllers import named_in
 from simtune.recordings.fingerprint import fingerprint
 from simtune.recordings.lerobot.features import _names
 from simtune.recordings.resample import step_actions, step_readings, step_times
@@ -726,6 +727,44 @@ def test_a_video_of_one_frame_is_no_recording(tmp_path):
     write_video(tmp_path / "one.mp4", np.zeros((1, 32, 32, 3), np.uint8), 20)
     with pytest.raises(InputError, match=r"one\.mp4: holds one frame; expected at least 2"):
         open_dataset(tmp_path, image_size=32, num_actions=0)
+
+
+def test_a_video_of_one_frame_has_no_rate_beside_a_table_of_times_either(tmp_path):
+    write_pair(tmp_path, "one", actions(2), [0.0, 0.05])
+    write_video(tmp_path / "one.mp4", grey([1]), FPS)
+    assert message(tmp_path, num_actions=3) == "HERE/one.mp4: holds one frame; expected at least 2"
+
+
+def test_numbers_have_no_underscore(tmp_path):
+    write_pair(tmp_path, "swing", actions())
+    table = tmp_path / "swing.csv"
+    lines = table.read_text().splitlines()
+    table.write_text("\n".join([*lines[:2], "0.5,1_0,0", *lines[3:]]))
+    told = message(tmp_path, num_actions=3)
+    assert told == "line 3 of HERE/swing.csv: expected a number, got '1_0'"
+
+
+def test_endings_may_be_in_capitals_whatever_the_kind(tmp_path):
+    write_hdf5(robot := tmp_path / "robot" / "A.HDF5")
+    np.savez(tmp_path / "a.npz", hz=FPS, actions=actions(), frames=grey(range(NUM_STEPS + 1)))
+    (tmp_path / "arrays").mkdir()
+    (tmp_path / "a.npz").rename(tmp_path / "arrays" / "A.NPZ")
+    write_pair(tmp_path / "pairs", "a", actions())
+    for ending in ("mp4", "csv"):
+        (tmp_path / "pairs" / f"a.{ending}").rename(tmp_path / "pairs" / f"A.{ending.upper()}")
+    cameras = [Footage(key="wrist")]
+    for path in (robot.parent, robot):
+        assert_whole(open_dataset(path, cameras=cameras))
+    with h5py.File(robot, "a") as file:
+        file["data"].attrs["env_info"] = json.dumps({"controller_configs": {"type": "OSC_POSE"}})
+    assert "controller OSC_POSE" in str(named_in(robot))
+    for kind in ("arrays", "pairs"):
+        dataset = open_dataset(tmp_path / kind)
+        assert_whole(dataset)
+        assert list(dataset.episodes) == ["A"]
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "A.MCAP").touch()
+    assert "a ROS bag" in message(tmp_path / "bag")
 
 
 def test_a_long_list_of_names_says_how_many_more_there_are():

@@ -449,6 +449,17 @@ def test_the_smallest_round_has_the_least_of_everything_and_never_more_than_aske
     assert smallest(least) == least
 
 
+def test_no_part_has_more_time_than_is_left(monkeypatch):
+    now_s = [50.0]
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
+    whole = Budget(100.0)
+    now_s[0] += 60
+    assert [whole.part(s).seconds for s in (30, 50, np.inf, -1)] == pytest.approx([30, 40, 40, 0])
+    assert [Budget().part(s).seconds for s in (30, np.inf)] == [30, np.inf]
+    with pytest.raises(ValueError, match="NaN"):
+        whole.part(np.nan)
+
+
 def test_a_share_is_of_all_the_time_but_no_more_than_is_left(monkeypatch):
     now_s = [50.0]
     monkeypatch.setattr("time.monotonic", lambda: now_s[0])

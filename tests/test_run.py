@@ -20,6 +20,7 @@ from safetensors import SafetensorError
 from simtune.errors import InputError
 from simtune.experiment.run import Run
 from simtune.randomization import Distribution
+from simtune.run import checkpoint
 from simtune.run.config import check_asked
 from simtune.run.files import read_json, read_jsonl, write_atomically, write_json
 from simtune.run.folder import RunFolder
@@ -311,6 +312,38 @@ def test_a_full_disk_keeps_the_former_checkpoint_and_says_the_way_on(path, monke
             run.save_checkpoint({"a": torch.ones(2)}, {"step": 2})
         assert [p.name for p in (path / "checkpoints").iterdir()] == ["000001"]
     assert kept_state(path)["step"] == 1
+
+
+def test_a_checkpoint_that_cannot_take_its_place_leaves_nothing_behind(path, monkeypatch):
+    def refuse(source, target):
+        if Path(target).name.isdigit():
+            raise OSError(errno.EIO, "Input/output error")
+        replace(source, target)
+
+    replace = os.replace
+    with _create(path) as run:
+        run.save_checkpoint({}, {"step": 1})
+        monkeypatch.setattr("os.replace", refuse)
+        with pytest.raises(RuntimeError, match=r"cannot write .*000002: .*Input/output error"):
+            run.save_checkpoint({}, {"step": 2})
+        assert [p.name for p in (path / "checkpoints").iterdir()] == ["000001"]
+    (blocked := path.parent / "file").touch()
+    with pytest.raises(RuntimeError, match=r"cannot write the checkpoint .*000001: .*File exists"):
+        checkpoint.save(blocked, {}, {})
+
+
+def test_an_old_checkpoint_that_cannot_be_removed_stays_with_a_warning(path, monkeypatch, caplog):
+    def refuse(path, ignore_errors=False):
+        if not ignore_errors:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    with _create(path) as run:
+        for step in range(2):
+            run.save_checkpoint({}, {"step": step})
+        monkeypatch.setattr("shutil.rmtree", refuse)
+        run.save_checkpoint({}, {"step": 2})
+    assert "000001 cannot be removed, and stays" in caplog.text
+    assert kept_state(path)["step"] == 2
 
 
 def test_latest_two_checkpoints_are_kept(path):

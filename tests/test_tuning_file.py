@@ -98,6 +98,11 @@ PLANAR = """
   </actuator>
 </mujoco>
 """
+HOSE = """
+<body name="hose_0" pos="2 0 1"><joint type="ball" stiffness="1"/><geom size="0.01"/>
+  <body name="hose_1" pos="0 0 -0.1"><joint type="ball" stiffness="1"/><geom size="0.01"/></body>
+</body>
+"""
 CALIBRATION = """{image_width: 96, image_height: 64, dist_coeffs: [0, 0, 0, 0, 0],
 camera_matrix: [[80, 0, 47.5], [0, 80, 31.5], [0, 0, 1]]}
 """
@@ -138,6 +143,8 @@ def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path)
             '<velocity name="elbow" joint="elbow" kv', '<position name="elbow" joint="elbow" kp'
         )
         (folder / "scene.xml").write_text(servos)
+    if "hose_*" in block:
+        (folder / "scene.xml").write_text(SCENE.replace("<worldbody>", f"<worldbody>{HOSE}"))
     if "pusher_x" in block:
         (folder / "scene.xml").write_text(PLANAR)
     if "[[cameras]]" in block:
@@ -580,7 +587,7 @@ shoulder = { position = [1.5, 1.57] }
     ("text", "line", "message"),
     [
         ("kind = 'recoding'\n", 4, r"no kind 'recoding' in \[initial_state\].*'recording'"),
-        ("kind = 'keyframe'\n", 3, r"\[initial_state\] has no keyframe"),
+        ("kind = 'keyframe'\n", 4, 'kind = "keyframe" needs keyframe = NAME'),
         ("keyframe = 'hom'\n", 4, "no keyframe 'hom' in the model; did you mean 'home'?"),
         ("may_touch = 1\n", 4, "may_touch must be true or false, got 1"),
         ("joints.shoulder.position = [0, 1]\n", 4, 'joints go with kind = "distribution" only'),

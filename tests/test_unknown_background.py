@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simtune.before_after.start_search import StartSearchConfig, _Tried, find_start
 from simtune.before_after.videos import film_from
 from simtune.cameras.views import View
 from simtune.checking import check
@@ -204,3 +205,32 @@ def test_check_names_an_unknown_background_unless_it_is_declared(tmp_path, small
         (warning,) = check(asked)["warnings"]
         assert "film" in warning
         assert ('say background = "unknown"' in warning) == is_named
+
+
+def test_a_start_out_of_the_picture_is_not_the_nearest_one(tmp_path):
+    load(tmp_path)
+    anywhere = 'kind = "distribution"\njoints = { slide = { position = [-4, 4] } }'
+    text = TUNING.format("unknown").replace('kind = "keyframe"', anywhere)
+    (tmp_path / "tune.toml").write_text(text)
+    task = load_task(str(tmp_path / "tune.toml"))
+    view = View("hand", 1.25, background_is_unknown=True)
+    simulator = task.simulator(image_size=24, views=[view])
+    world, still = task.parameters.nominal, np.zeros((4, 2), np.float32)
+    start = simulator.begin(world[None], np.random.default_rng(0)).states[:, 0]
+    start[0, 1:3] = 0.0, 0.2  # after the time
+    states = simulator.roll_out(world[None], still[None], None, starts=start).states[0]
+    film = Trajectory(simulator.render(states, worlds(task, 5), rooms(5, 3)), still, 0.05)
+    config = StartSearchConfig(num_starts=32, rounds=3)
+    found = find_start(simulator, film, world, np.random.default_rng(1), config)
+    assert simulator.covers(found[None], world[None]).any()
+    assert found[2] == pytest.approx(0.2, abs=0.1)
+
+
+def test_of_starts_that_hardly_show_anything_none_is_near_unless_that_is_so_of_all():
+    starts, squares = np.arange(4.0)[:, None], np.array([0.0, 8.0, 900.0, 400.0])
+    tried = _Tried(starts, squares, np.array([0, 4, 100, 100]))
+    np.testing.assert_array_equal(tried.distance, [np.inf, np.inf, 9, 4])
+    np.testing.assert_array_equal(tried.nearest(8).starts, [[3], [2]])
+    unseen = _Tried(starts, np.zeros(4), np.zeros(4, int))
+    np.testing.assert_array_equal(unseen.distance, np.zeros(4))
+    assert len(unseen.joined(tried).nearest(3).starts) == 2

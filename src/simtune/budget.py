@@ -80,11 +80,12 @@ class Budget:
     def part(
         self, seconds: float, span: tuple[float, float] = (0.0, 1.0), prefix: str = ""
     ) -> "Budget":
-        """`seconds` of it from now on, and a part of its stretch of the bar."""
+        """`seconds` of it from now on, at most what is left, and a part of its bar."""
         low, high = self._span
         stretch = (low + (high - low) * span[0], low + (high - low) * span[1])
-        return Budget(seconds, self._report, span=stretch, prefix=self._prefix + prefix)
+        given_s = min(seconds, self.seconds_left)  # NaN stays NaN, which is refused
+        return Budget(given_s, self._report, span=stretch, prefix=self._prefix + prefix)
 
     def share(self, share: float, span: tuple[float, float] = (0.0, 1.0)) -> "Budget":
         """A share of all its time, from now on; at most what is left."""
-        return self.part(min(share * self.seconds, self.seconds_left), span)
+        return self.part(share * self.seconds, span)

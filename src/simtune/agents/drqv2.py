@@ -116,7 +116,7 @@ class DrqV2(PixelAgent):
         self._noise.fill_(self.noise)
 
     def learn(self, batch: Transitions, updates_policy: bool = True) -> torch.Tensor:
-        """One update; (4,) its `losses`."""
+        """One update, always of the policy, too; (4,) its `losses`."""
         assert batch.frames is not None
         assert batch.next_frames is not None
         with autocast(self.device), torch.no_grad():

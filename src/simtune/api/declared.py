@@ -15,6 +15,7 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.export.mjcf import write_spec
 from simtune.tasks import IN_PYTHON, AnyTask, load_any_task, named_files, read_declared
+from simtune.tasks.tuning_file.user_code import is_in_file
 
 _NAMING_FILES = ("model", "environment", "background", "calibration", "reward", "success")
 
@@ -55,7 +56,8 @@ def _write(values: dict[str, Any], folder: Path) -> Path:
     folder.mkdir()
     file = folder / "task.toml"
     written = _with_files(values, folder)
-    file.write_text("".join(f"{json.dumps(k)} = {_toml(v)}\n" for k, v in written.items()))
+    text = "".join(f"{_toml(k)} = {_toml(v)}\n" for k, v in written.items())
+    file.write_text(text, encoding="utf-8")
     return file
 
 
@@ -73,7 +75,7 @@ def _with_files(value: Any, folder: Path, key: str = "") -> Any:
 
 def _copied(named: str, folder: Path) -> str:
     """Copy FILE or FILE.py:NAME into `folder`; returns the name relative to it."""
-    file, colon, name = named.partition(":") if ".py:" in named else (named, "", "")
+    file, colon, name = named.rpartition(":") if is_in_file(named) else (named, "", "")
     if not Path(file).is_file():  # for example, an id of a gymnasium environment
         return named
     path = Path(file).resolve()
@@ -90,11 +92,11 @@ def _copied(named: str, folder: Path) -> str:
 def _toml(value: Any) -> str:
     """A value in TOML, on one line. Raises InputError for other types."""
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{json.dumps(k)} = {_toml(v)}' for k, v in value.items())}}}"
+        return f"{{{', '.join(f'{_toml(k)} = {_toml(v)}' for k, v in value.items())}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, bool | str):
-        return json.dumps(value, ensure_ascii=False)
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", r"\u007f")  # DEL
     if isinstance(value, int | float):
         return repr(value)
     raise InputError(f"expected a text, a number, a list or a dict in the task, got {value!r:.60}")

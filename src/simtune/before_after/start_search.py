@@ -6,6 +6,7 @@ real ones, by elite resampling: many random starts, then many near the best.
 
 import time
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from simtune.tuning.estimate import Estimate
 _COMPARED_STEPS = 4  # the first pictures, which also show velocities
 _ELITE = 8
 _AT_ONCE = 32  # starts that are tried between looks at the clock
+_HARDLY = 0.1  # of the pixels that starts usually cover: fewer tell nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +30,35 @@ class StartSearchConfig:
 
 
 _USUAL = StartSearchConfig()
+
+
+class _Tried(NamedTuple):
+    """Starts, and how their first pictures compare with the real ones where they are drawn."""
+
+    starts: np.ndarray  # (n, S)
+    squares: np.ndarray  # (n,) sum of mean squared differences of the pixels that they cover
+    covered: np.ndarray  # (n,) number of those pixels; all, unless the background is unknown
+
+    def joined(self, more: "_Tried") -> "_Tried":
+        return _Tried(*(np.append(mine, its, 0) for mine, its in zip(self, more, strict=True)))
+
+    @property
+    def distance(self) -> np.ndarray:
+        """(n,) mean squared differences; infinite if hardly a pixel is covered.
+
+        What is out of the picture differs in none. If that is so of all, all are equally near.
+        """
+        shown = self.covered[self.covered > 0]
+        least = _HARDLY * np.median(shown) if len(shown) else 0.0
+        mean = self.squares / np.maximum(self.covered, 1)
+        return np.where(self.covered < least, np.inf, mean)
+
+    def nearest(self, most: int) -> "_Tried":
+        """At most so many, nearest first; none that is infinitely far."""
+        distance = self.distance
+        order = np.argsort(distance)[:most]
+        order = order[np.isfinite(distance[order])]
+        return _Tried(*(array[order] for array in self))
 
 
 def episode_and_start(
@@ -58,28 +89,25 @@ def find_start(
     first = trajectory.first(_COMPARED_STEPS)
     at_once = min(config.num_starts, _AT_ONCE)
     end = time.perf_counter() + config.seconds
-    states, distance = _compare(simulator, first, parameters, rng, at_once)
-    while len(states) < config.num_starts and time.perf_counter() < end - config.seconds / 2:
-        more, its_distance = _compare(simulator, first, parameters, rng, at_once)
-        states, distance = np.append(states, more, 0), np.append(distance, its_distance)
-    num = len(states)
+    tried = _compare(simulator, first, parameters, rng, at_once)
+    while len(tried.starts) < config.num_starts and time.perf_counter() < end - config.seconds / 2:
+        tried = tried.joined(_compare(simulator, first, parameters, rng, at_once))
+    num = len(tried.starts)
     space = simulator.state_space
     if space is None:  # worlds cannot start near other states
-        return states[np.argmin(distance)]
-    std = states.std(0)
+        return tried.nearest(1).starts[0]
+    std = tried.starts.std(0)
     # State components that the task's own starts do not vary stay as they are.
     moving = space.positions_and_velocities(std)
     spread = space.with_positions_and_velocities(np.zeros_like(std), moving)
     for round_ in range(1, config.rounds):
         if time.perf_counter() > end:
             break
-        nearest = np.argsort(distance)[:_ELITE]
-        states, distance = states[nearest], distance[nearest]
-        starts = states[rng.integers(len(nearest), size=num)]
+        tried = tried.nearest(_ELITE)
+        starts = tried.starts[rng.integers(len(tried.starts), size=num)]
         starts = starts + spread * 0.5**round_ * rng.normal(size=starts.shape)
-        more, its_distance = _compare(simulator, first, parameters, rng, num, starts)
-        states, distance = np.append(states, more, 0), np.append(distance, its_distance)
-    nearest = states[np.argmin(distance)][None]
+        tried = tried.joined(_compare(simulator, first, parameters, rng, num, starts))
+    nearest = tried.nearest(1).starts
     return _play(simulator, first, parameters[None], rng, nearest).states[0, 0]
 
 
@@ -90,8 +118,8 @@ def _compare(
     rng: np.random.Generator,
     num: int,
     starts: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """(num, S) starts, or the task's own, and (num,) distances of pictures from the real ones.
+) -> _Tried:
+    """(num, S) starts, or the task's own, compared with the real pictures.
 
     A model's starts are those before any action: what actuators remember goes with each start.
     """
@@ -105,8 +133,8 @@ def _compare(
     steps = states.shape[1]
     covered = simulator.covers(states.reshape(num * steps, -1), np.repeat(worlds, steps, 0))
     covered = covered.reshape(difference.shape)
-    distance = (difference * covered).sum((1, 2, 3)) / np.maximum(covered.sum((1, 2, 3)), 1)
-    return states[:, 0] if starts is None else starts, distance
+    squares = (difference * covered).sum((1, 2, 3))
+    return _Tried(states[:, 0] if starts is None else starts, squares, covered.sum((1, 2, 3)))
 
 
 def _play(

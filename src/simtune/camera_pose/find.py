@@ -18,6 +18,7 @@ from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
+from simtune.run.files import write_atomically
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
 from simtune.tasks import Task, load_task
@@ -53,7 +54,7 @@ def find_camera_pose(config: CheckConfig, report: ReportProgress = silent) -> di
     trajectories = real.collect(config.episodes)
     result = find_pose(task, real.observation, trajectories, budget, config.seed)
     if config.camera_pose and result["is_found"]:
-        config.camera_pose.write_text(tuning_table(result))
+        write_atomically(config.camera_pose, tuning_table(result))
     return result
 
 

@@ -11,11 +11,12 @@ import numpy as np
 
 from simtune.before_after.moving_parts import part_name
 from simtune.checking.extents import OUT_OF_SIGHT_PX, across, bodies_of, corners_px
+from simtune.checking.starts import NUM_STARTS, nominal_starts
 from simtune.columns import counted
+from simtune.parameters.joint_types import FREE, SLIDE
 from simtune.simulation import Simulator
 from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
-_STARTS = 64  # drawn
 _HARDLY = 0.1  # of them
 _MOVED = 0.005  # of the model's extent
 _SELDOM = 0.5  # of the episodes
@@ -26,13 +27,13 @@ def out_of_sight(simulator: Simulator, seed: int) -> dict[str, str]:
     model, trees = simulator.model, _trees_of_parameters(simulator)
     if not simulator.views or not trees:
         return {}
-    starts, seen = _starts(simulator, seed), dict[int, np.ndarray]()
+    starts, seen = nominal_starts(simulator, seed), dict[int, np.ndarray]()
     for (body, _), pixels in corners_px(simulator, starts, simulator.views).items():
         tree = int(model.body_treeid[body])
-        seen[tree] = seen.get(tree, np.zeros(_STARTS, bool)) | (across(pixels) > OUT_OF_SIGHT_PX)
+        seen[tree] = seen.get(tree, np.zeros(NUM_STARTS, bool)) | (across(pixels) > OUT_OF_SIGHT_PX)
     outside = {tree: int((~its).sum()) for tree, its in seen.items() if its.mean() <= _HARDLY}
     return {
-        name: f"{_thing(model, tree)} is outside the picture in {outside[tree]} of {_STARTS} "
+        name: f"{_thing(model, tree)} is outside the picture in {outside[tree]} of {NUM_STARTS} "
         "simulated starts"
         for name, tree in trees.items()
         if tree in outside
@@ -84,7 +85,7 @@ def _seldom_moved(
         moves = np.linalg.norm(places - places[:, :1], axis=-1).max(1) > _MOVED * model.stat.extent
         if not its or moves.mean() > _SELDOM:
             continue
-        starts = _starts(simulator, seed) if starts is None else starts
+        starts = nominal_starts(simulator, seed) if starts is None else starts
         drawn = simulator.state_space.positions_and_velocities(starts)[:, _places(model, tree)]
         if np.ptp(drawn, axis=0).any():
             found.append(
@@ -94,12 +95,6 @@ def _seldom_moved(
                 "said here: give its start in [initial_state] more narrowly"
             )
     return found
-
-
-def _starts(simulator: Simulator, seed: int) -> np.ndarray:
-    """(_STARTS, S) of nominal worlds."""
-    worlds = np.tile(simulator.space.nominal, (_STARTS, 1))
-    return simulator.begin(worlds, np.random.default_rng((seed, 7))).states[:, 0]
 
 
 def _trees_of_parameters(simulator: Simulator) -> dict[str, int]:
@@ -127,8 +122,8 @@ def _places(model: mujoco.MjModel, tree: int) -> list[int]:
     places = list[int]()
     for joint in np.flatnonzero(model.body_treeid[model.jnt_bodyid] == tree):
         at, kind = int(model.jnt_qposadr[joint]), model.jnt_type[joint]
-        if kind == mujoco.mjtJoint.mjJNT_FREE:
+        if kind == FREE:
             places += range(at, at + 3)
-        elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
+        elif kind == SLIDE:
             places.append(at)
     return places

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
 from simtune.simulation import Simulator
 
 _AT_LIMIT = 0.02  # of a joint's range, since limits are soft
@@ -41,7 +41,7 @@ def _share_at_limit(model: mujoco.MjModel, joint: int, positions: np.ndarray) ->
 
 def _says(model: mujoco.MjModel, joint: int, share: float) -> str:
     low, high = model.jnt_range[joint]
-    is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+    is_hinge = model.jnt_type[joint] == HINGE
     unit = "rad" if is_hinge else "m"
     doubt = "; is its range in degrees where radians are meant?" if is_hinge else ""
     name = model.joint(joint).name or joint

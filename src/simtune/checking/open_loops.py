@@ -6,11 +6,10 @@ from collections.abc import Sequence
 import mujoco
 
 from simtune.observation import JointSensor, measured_places
+from simtune.parameters.joint_types import HINGE
 from simtune.simulation.joints import joints_up_from
 from simtune.simulation.loose_objects import passive_joints
 from simtune.simulation.ties import dofs_of_ties
-
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 
 
 def loops_left_open(
@@ -25,7 +24,7 @@ def loops_left_open(
     carried = dict[str, list[int]]()  # by measured joints, the nearest first
     for name in unseen:
         joint = model.joint(name)
-        is_hinge = joint.type[0] == _HINGE and not joint.stiffness.any()
+        is_hinge = joint.type[0] == HINGE and not joint.stiffness.any()
         above = joints_up_from(model, int(joint.bodyid[0]))
         measured = [other for other in above if model.jnt_qposadr[other] in places]
         if is_hinge and joint.id in passive and joint.dofadr[0] not in tied and measured:

@@ -8,7 +8,7 @@ from simtune.checking.film.as_read import AsRead
 from simtune.checking.film.camera_film import camera_films
 from simtune.checking.film.library import MOST_STEPS
 from simtune.checking.film.look import look_at, shrunk
-from simtune.checking.film.picture import named, new_file
+from simtune.checking.picture_files import picture_file
 from simtune.checking.readings import ReadEpisodes, read_episodes
 from simtune.checking.recording_warnings import refuse_if_all_short, warnings
 from simtune.checking.servos.commands import on_tendons
@@ -81,7 +81,7 @@ def of_recordings(
         facts["servos"], facts["servos_on_tendons"] = read.facts, on_tendons(simulator)
         facts["warnings"] += read.warnings + (read.misread + read.beyond_ranges) * (not far)
         if read.curves:
-            path = named(config.pictures, "-servos" * bool(seen.cameras)) or new_file()
+            path = picture_file(config.pictures, "-servos" * bool(seen.cameras))
             draw_servos(path, task.name, read.curves, simulator.step_s)
             facts["servo_pictures"] = str(path)
     return Given(simulator, actions, facts, read, bool(far), dataset.recorded_px)

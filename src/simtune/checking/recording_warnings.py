@@ -17,10 +17,13 @@ from simtune.recordings.unused_steps import of_lengths, of_unfilmed
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
+from simtune.units import GAIN_OF_DEGREES
 
 _LATE = 0.3  # of a step: the simulator films exactly at each step's end
 _FAR_BEYOND = 5.0  # times a range: what may be degrees, not a clipped command
-_AS_DEGREES = ', such as degrees? Then mapping = "scaled" and gain = 0.0174533 in [actions]'
+_AS_DEGREES = (
+    f', such as degrees? Then mapping = "scaled" and gain = {GAIN_OF_DEGREES} in [actions]'
+)
 _FAST = 1.95  # readings a step: two, by a clock that is a little off
 _SPARE_S, _SPARE = 1.0, 0.2  # of the actions' time: a camera usually stops that soon after them
 

@@ -12,12 +12,12 @@ from simtune.columns import counted, cut
 from simtune.fit import OpenLoopReplay
 from simtune.fit.readings.stretches import Stretches
 from simtune.parameters import ModelWriter
+from simtune.parameters.joint_types import FREE, SLIDE
 from simtune.simulation.loose_objects import loose_joints
 
 _MOST_TOLD, _MOST_NAMED = 3, 4  # groups of geoms; geoms or episodes in each
 _RESTS_S = 0.05  # what touches from so early on has begun there
 _WORLD, _MOVES = -1, -2  # in place of a tree's number: MuJoCo's, and that of a mocap body or flex
-_FREE, _SLIDE = mujoco.mjtJoint.mjJNT_FREE.value, mujoco.mjtJoint.mjJNT_SLIDE.value
 
 
 class Touching(NamedTuple):
@@ -111,7 +111,7 @@ def _stands(model: mujoco.MjModel, one: int, other: int) -> bool:
     if tree < 0:
         return False
     base = model.jnt_bodyid[model.dof_jntid[model.tree_dofadr[tree]]]
-    return bool(np.isin(model.jnt_type[model.jnt_bodyid == base], (_FREE, _SLIDE)).any())
+    return bool(np.isin(model.jnt_type[model.jnt_bodyid == base], (FREE, SLIDE)).any())
 
 
 def _ordered(model: mujoco.MjModel, one: int, other: int) -> tuple[int, int]:

@@ -2,17 +2,23 @@
 
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 
 from simtune.checking.servos.doubt import Doubt, grouped
 from simtune.observation import JointSensor, by_column
+from simtune.parameters.joint_types import HINGE
 from simtune.simulation import Simulator
 
-_STARTS = 64  # drawn
+NUM_STARTS = 64  # drawn
 _SLACK = 0.25  # of what starts spread over: farther outside is far
 _LEAST = 0.05  # of the model's extent, or rad: nearer is no other place
 _MEND = "say in [initial_state] where it begins"
+
+
+def nominal_starts(simulator: Simulator, seed: int) -> np.ndarray:
+    """(NUM_STARTS, S) first states of nominal worlds."""
+    worlds = np.tile(simulator.space.nominal, (NUM_STARTS, 1))
+    return simulator.begin(worlds, np.random.default_rng((seed, 6))).states[:, 0]
 
 
 def far_starts(
@@ -24,15 +30,13 @@ def far_starts(
     endless hinges do not count.
     """
     model = simulator.model
-    worlds = np.tile(simulator.space.nominal, (_STARTS, 1))
-    begun = simulator.begin(worlds, np.random.default_rng((seed, 6))).states[:, 0]
-    positions = simulator.state_space.positions_and_velocities(begun)
+    positions = simulator.state_space.positions_and_velocities(nominal_starts(simulator, seed))
     found = []
     for sensor, column, its in by_column(sensors, values):
         read, joint = its[:, 0][np.isfinite(its[:, 0])], model.joint(sensor.joints[column])
         if sensor.is_velocity or not len(read):
             continue
-        is_hinge = joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE
+        is_hinge = joint.type[0] == HINGE
         simulated = positions[:, sensor.places[column]]
         ends = simulated.min(), simulated.max()
         slack = max(_SLACK * (ends[1] - ends[0]), _LEAST * (1.0 if is_hinge else model.stat.extent))

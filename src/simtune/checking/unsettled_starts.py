@@ -15,6 +15,7 @@ from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.stretches import filled
 from simtune.observation import columns_of, measured_places
 from simtune.parameters.fields import OF_JOINTS
+from simtune.parameters.joint_types import FREE, SLIDE
 from simtune.simulation.joints import joints_up_from
 from simtune.simulation.loose_objects import passive_joints
 from simtune.simulation.servos import pulls_to_a_place
@@ -25,7 +26,6 @@ _FAR_M, _FAR_RAD = 5e-3, np.radians(2)  # at rest, models a payload off settle b
 _FAR_IN_MOTION_M = 0.1
 _CALM_S, _CALM = 0.1, 0.03  # s, and rad or m that joints at rest may move in that time
 _ON_SITE, _ON_BODY = mujoco.mjtTrn.mjTRN_SITE.value, mujoco.mjtTrn.mjTRN_BODY.value
-_FREE, _SLIDE = mujoco.mjtJoint.mjJNT_FREE.value, mujoco.mjtJoint.mjJNT_SLIDE.value
 _MOST_NAMED = 5  # episodes
 
 
@@ -41,7 +41,7 @@ def free_bases(loop: OpenLoopReplay) -> list[int]:
             body = model.body_parentid[body]
         above = joints_up_from(model, int(body))
         unmeasured = [j for j in above if model.jnt_qposadr[j] not in measured]
-        is_free = np.isin(model.jnt_type[unmeasured], (_FREE, _SLIDE)).any()
+        is_free = np.isin(model.jnt_type[unmeasured], (FREE, SLIDE)).any()
         if is_free and passive.issuperset(above) and model.body_treeid[body] not in pushed:
             found[int(body)] = found.get(int(body), True) and is_held
     return [body for body, are_held in found.items() if are_held]

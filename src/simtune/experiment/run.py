@@ -57,7 +57,7 @@ class Run:
     def resume(self) -> dict[str, Any] | None:
         """Continue from the newest valid checkpoint; returns its state, or None if there is none.
 
-        Raises RuntimeError for the checkpoint of another version's networks.
+        Raises InputError for the checkpoint of another version.
         """
         if not (checkpoint := self.folder.load_checkpoint()):
             return None

@@ -70,18 +70,18 @@ def delay_warnings(
     """
     told, has_told_actions = [], bool(late_s)
     for what, (late, std) in late_s.items():
-        of_itself, is_sum = lateness_warning(what, late, std), False
+        of_itself, is_sum = _lateness_warning(what, late, std), False
         if is_too_late(late / step_s):
-            of_itself = [too_late_warning(what.capitalize(), late)]
+            of_itself = [_too_late_warning(what.capitalize(), late)]
         elif latency_steps and of_itself:
             in_all, is_sum = _later(latency_steps * step_s + late, std), True
             of_itself = [f"What an action does shows in {what} {in_all}"]
         told += of_itself
         has_told_actions &= is_sum
-    return told if has_told_actions else [*latency_warning(latency_steps), *told]
+    return told if has_told_actions else [*_latency_warning(latency_steps), *told]
 
 
-def latency_warning(latency_steps: int) -> list[str]:
+def _latency_warning(latency_steps: int) -> list[str]:
     """One if actions take effect late."""
     if not latency_steps:
         return []
@@ -92,7 +92,7 @@ def latency_warning(latency_steps: int) -> list[str]:
     ]
 
 
-def lateness_warning(what: str, late_s: float, std: float) -> list[str]:
+def _lateness_warning(what: str, late_s: float, std: float) -> list[str]:
     """One if pictures or readings are clearly late; `std`: of `late_s`."""
     if abs(late_s) <= max(_CLEARLY_LATE_STDS * std, _CLEARLY_LATE_S):
         return []
@@ -112,6 +112,6 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.0f}" if 1e3 * seconds >= 9.95 else f"{1e3 * seconds:.2g}"
 
 
-def too_late_warning(what: str, late_s: float) -> str:
+def _too_late_warning(what: str, late_s: float) -> str:
     """On a lateness at the end of its range."""
     return _TOO_LATE.format(what, 1e3 * abs(late_s), "late" if late_s > 0 else "early")

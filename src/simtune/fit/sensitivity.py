@@ -35,7 +35,7 @@ class Sensitivity:
     motion_std: np.ndarray  # (N,)
     picture_std: np.ndarray  # (N,) from colours, as far as a camera shows them truly
     first_width: np.ndarray  # (N,) of that range
-    correlation: np.ndarray  # (N, N) of errors in estimates from motion; 0 without effect on motion
+    correlation: np.ndarray  # (N, N) of errors in what motion tells; 0 with what it does not show
     sees_pictures: bool = True  # False without a camera
     readings: ReadingChanges | None = None  # of joints; they count as motion in `motion_std`
     # (N,) `motion_std` if a fit left as little of readings as it may at best; None: it is the same
@@ -90,7 +90,7 @@ def analyze(
         motion_std=std,
         picture_std=(by_picture**-2 + prior**-2) ** -0.5,
         first_width=width,
-        correlation=covariance / np.outer(std, std) - np.eye(len(space)),
+        correlation=covariance / np.outer(std, std),
         sees_pictures=bool(simulator.views),
         readings=readings,
         motion_std_at_best=None if at_best is None else np.sqrt(np.diag(np.linalg.inv(at_best))),

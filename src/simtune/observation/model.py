@@ -113,11 +113,6 @@ class ObservationModel:
         return self.cameras[0].supersampling if self.cameras else 1
 
     @property
-    def same_renderer(self) -> bool:
-        """Whether pictures are the simulator's own."""
-        return self.cameras[0].same_renderer
-
-    @property
     def image_noise(self) -> ImageNoise | None:
         """What each camera adds to drawn pictures."""
         return self.cameras[0].image_noise if self.cameras else None

@@ -27,8 +27,7 @@ def _colour(name: str, **known: Any) -> Field:
     return Field(name, is_colour=True, least=0.0, most=1.0, shows_in="appearance", **known)
 
 
-_DYN, _JNT = mujoco.mjtDyn, mujoco.mjtJoint
-HINGE_OR_SLIDE = (_JNT.mjJNT_HINGE.value, _JNT.mjJNT_SLIDE.value)
+_DYN = mujoco.mjtDyn
 # Transmissions of actuators that drive a joint
 OF_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value)
 # {transmission: prefix of what it drives, which may have a limit of its own (actuatorfrcrange)}

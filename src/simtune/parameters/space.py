@@ -28,9 +28,9 @@ class ParameterSpace:
         self.nominal = np.array([p.nominal for p in self.parameters])  # (N,)
         self.low = np.array([p.low for p in self.parameters])
         self.high = np.array([p.high for p in self.parameters])
-        self.is_log = np.array([p.scale == "log" for p in self.parameters])
-        self.is_colour = np.array([p.is_colour for p in self.parameters])
-        self.is_visible = np.array([p.is_visible for p in self.parameters])
+        self.is_log = np.array([p.scale == "log" for p in self.parameters], bool)
+        self.is_colour = np.array([p.is_colour for p in self.parameters], bool)
+        self.is_visible = np.array([p.is_visible for p in self.parameters], bool)
         self.is_appearance = np.array([p.is_appearance for p in self.parameters], bool)
         self.is_delay = np.array([p.is_delay for p in self.parameters], bool)
 

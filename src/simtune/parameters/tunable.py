@@ -7,9 +7,10 @@ import numpy as np
 
 from simtune.parameters.backlash import driven_through
 from simtune.parameters.field import Field
-from simtune.parameters.fields import FOLLOWS, HINGE_OR_SLIDE
+from simtune.parameters.fields import FOLLOWS
+from simtune.parameters.joint_types import FREE, HINGE_OR_SLIDE
 
-_CAM, _FREE = mujoco.mjtCamLight, mujoco.mjtJoint.mjJNT_FREE.value
+_CAM = mujoco.mjtCamLight
 _SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _AIMED = (_CAM.mjCAMLIGHT_TARGETBODY.value, _CAM.mjCAMLIGHT_TARGETBODYCOM.value)
 _PLACES = ("body_pos", "body_quat")
@@ -24,7 +25,7 @@ _LIMITS = {
 
 
 def _is_free(model: mujoco.MjModel, body: int) -> bool:
-    return model.body_jntnum[body] > 0 and model.jnt_type[model.body_jntadr[body]] == _FREE
+    return model.body_jntnum[body] > 0 and model.jnt_type[model.body_jntadr[body]] == FREE
 
 
 # (fields, whether they have no effect on the object in a row, why)
@@ -61,7 +62,7 @@ _WITHOUT_EFFECT: tuple[tuple[tuple[str, ...], Callable[[mujoco.MjModel, int], bo
     ),
     (
         ("jnt_pos",),
-        lambda model, joint: model.jnt_type[joint] == _FREE,
+        lambda model, joint: model.jnt_type[joint] == FREE,
         "is a free joint, which is always at its body's origin",
     ),
     (

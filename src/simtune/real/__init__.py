@@ -37,7 +37,8 @@ class RealWorld(Protocol):
     ) -> list[Trajectory]:
         """Trajectories of a policy that sees the latest frames; empty if it cannot act here.
 
-        `begin` is called before an episode, or several at once, for what the policy remembers.
+        `seed`: of all that a simulated world draws; a robot draws nothing. `begin` is called before
+        an episode, or several at once, for what the policy remembers.
         """
         return []
 

@@ -27,19 +27,19 @@ class RecordingArchive:
         """Raises InputError if a session's episodes mean something else than `meaning`."""
         self.folder, self._num_actions, self._footage = folder, num_actions, footage
         self._meaning = meaning
-        for dataset in self._datasets():
-            check_meaning(dataset, _noted(dataset), meaning)
+        for name, dataset in self._datasets().items():
+            check_meaning(dataset, _noted(folder / name), meaning)
 
     @property
     def num_episodes(self) -> int:
         """Raises InputError if a dataset is damaged or has another number of actions."""
-        return sum(self._open(path).num_episodes for path in self._datasets())
+        return sum(self._open(path).num_episodes for path in self._datasets().values())
 
     def read(self, image_size: int) -> list[Trajectory]:
         """All episodes, with pictures `image_size` pixels high. Raises InputError if damaged."""
         return [
             trajectory
-            for folder in self._datasets()
+            for folder in self._datasets().values()
             for trajectory in _read(self._open(folder, image_size))
         ]
 
@@ -60,14 +60,15 @@ class RecordingArchive:
         write_json(_noted(folder), self._meaning)
         return RecordingSession(folder, about, self._footage)
 
-    def _datasets(self) -> list[Path]:
+    def _datasets(self) -> dict[str, Path]:
+        """{name: folder} of each session, in order; nothing is changed."""
         if not self.folder.is_dir():
-            return []
-        for old in self.folder.glob(f".*{_OLD}"):
-            _finish_replacing(old)
+            return {}
+        found = {_replaced(old).name: _whole(old) for old in self.folder.glob(f".*{_OLD}")}
         # Other hidden folders are datasets that were being written when the process was killed.
         folders = (path for path in self.folder.iterdir() if not path.name.startswith("."))
-        return sorted(path for path in folders if (path / "meta").is_dir())
+        found |= {path.name: path for path in folders if (path / "meta").is_dir()}
+        return dict(sorted(found.items()))
 
 
 class RecordingSession:
@@ -84,6 +85,7 @@ class RecordingSession:
 
     def add(self, trajectory: Trajectory) -> None:
         """Write the dataset again, with one more episode."""
+        _tidy(self.folder.parent)
         self._trajectories.append(trajectory)
         new, old = (self.folder.with_name(f".{self.folder.name}{n}") for n in (_NEW, _OLD))
         # It is rewritten as a whole: episodes are few and short, and the robot stands still.
@@ -103,13 +105,26 @@ def _noted(dataset: Path) -> Path:
     return dataset.with_suffix(".json")
 
 
-def _finish_replacing(old: Path) -> None:
-    """Of a dataset that was being replaced when the process was killed; the new one is whole."""
-    name = old.name.removesuffix(_OLD)
-    new, folder = old.with_name(f"{name}{_NEW}"), old.with_name(name.removeprefix("."))
-    if not folder.exists():
-        os.replace(new if new.exists() else old, folder)
-    shutil.rmtree(old, ignore_errors=True)
+def _tidy(folder: Path) -> None:
+    """Finish replacing datasets, where the process was killed amid it."""
+    for old in folder.glob(f".*{_OLD}"):
+        if not (dataset := _replaced(old)).exists():
+            os.replace(_whole(old), dataset)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _replaced(old: Path) -> Path:
+    """The dataset in whose place `old` was."""
+    return old.with_name(old.name.removeprefix(".").removesuffix(_OLD))
+
+
+def _whole(old: Path) -> Path:
+    """The newest whole copy of a dataset that is not in its place.
+
+    `old` was moved only once the new one was written.
+    """
+    new = old.with_name(f"{old.name.removesuffix(_OLD)}{_NEW}")
+    return new if new.exists() else old
 
 
 def _read(dataset: Dataset) -> list[Trajectory]:

@@ -117,7 +117,7 @@ def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
     if path is None:
         return space.nominal.copy()
     try:
-        values: Any = json.loads(Path(path).read_text())
+        values: Any = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:

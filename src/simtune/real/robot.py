@@ -115,7 +115,7 @@ class RobotReal(RealWorld):
         seed: int,
         begin: Callable[[], None] = remembers_nothing,
     ) -> list[Trajectory]:
-        """See `RealWorld`. Raises as `collect` does."""
+        """See `RealWorld`; nothing depends on the seed. Raises as `collect` does."""
         size = (self._image_size, self._image_size)
 
         def act(t: int, frames: list[np.ndarray]) -> np.ndarray:

@@ -54,8 +54,10 @@ class Truth:
     def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N,) the truth, and (N,) the percent error 100·|mean − real|/|real| of an estimate (N,).
 
-        The error is divided by at least a hundredth of the upper bound: a truth may be 0 (black).
+        The error is divided by at least a hundredth of the bound that is farther from 0: a truth
+        may be 0 (black).
         """
-        real = self._parameters
-        size = np.maximum(np.abs(real), 0.01 * np.abs(self._space.high))
+        real, space = self._parameters, self._space
+        farthest = np.maximum(np.abs(space.low), np.abs(space.high))
+        size = np.maximum(np.abs(real), 0.01 * farthest)
         return real.copy(), 100 * np.abs(mean - real) / size

@@ -8,11 +8,10 @@ from mujoco.batch import Batch
 
 from simtune.observation import JointSensor, Sensor
 from simtune.parameters.fields import OF_JOINTS
+from simtune.parameters.joint_types import HINGE
 from simtune.recordings import Turning
 from simtune.simulation import ActionMapping
 from simtune.simulation.servos import control_limits, joint_target, position_servos
-
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 
 
 def turnings_of(
@@ -62,5 +61,5 @@ def _endless_servos(model: mujoco.MjModel) -> np.ndarray:
     joints = model.actuator_trnid[:, 0]
     of_joints = np.isin(model.actuator_trntype, OF_JOINTS) & (model.actuator_ctrlnum == 1)
     (ids,) = np.nonzero(of_joints & position_servos(model))
-    is_endless = (model.jnt_type[joints[ids]] == _HINGE) & (model.jnt_limited[joints[ids]] == 0)
+    is_endless = (model.jnt_type[joints[ids]] == HINGE) & (model.jnt_limited[joints[ids]] == 0)
     return ids[is_endless & (model.actuator_gear[model.actuator_outadr[ids], 0] != 0)]

@@ -19,7 +19,7 @@ from simtune.recordings.source import (
     short,
 )
 
-ENDING = ".npz"
+ENDING = ".npz"  # case-insensitive
 _OF_ACTIONS = ("actions", "action_names", "hz")
 
 
@@ -42,9 +42,7 @@ class ArraysSource:
         leave_out: Sequence[str] = (),
     ):
         self.path = folder
-        self.files: Sequence[Path] = sorted(
-            folder.glob(f"[!.]*{ENDING}"), key=lambda path: natural(path.stem)
-        )
+        self.files: Sequence[Path] = sorted(_found(folder), key=lambda path: natural(path.stem))
         self.episodes: Sequence[str] = [path.stem for path in self.files]
         self.robot_type: str | None = None
         self.kept = kept_episodes(folder, self.episodes, leave_out)
@@ -105,9 +103,14 @@ class ArraysSource:
         return table
 
 
+def _found(folder: Path) -> list[Path]:
+    """The files of arrays in a folder, of which some may be no episodes."""
+    return [path for path in folder.glob("[!.]*") if path.suffix.lower() == ENDING]
+
+
 def holds_episodes(folder: Path) -> bool:
     """Whether a folder has files of episodes; a camera's calibration has no `hz`."""
-    for path in folder.glob(f"[!.]*{ENDING}"):
+    for path in _found(folder):
         try:
             with np.load(path, allow_pickle=False) as file:
                 if "hz" in file.files:

@@ -24,7 +24,7 @@ def named_in(path: Path) -> str | None:
 
     None if it is no HDF5, or names no known controller of a part that `_ACTIONS` has.
     """
-    if path.suffix not in _ENDINGS:
+    if path.suffix.lower() not in _ENDINGS:
         return None
     for key, text in _attributes(path).items():
         if found := _controllers(text):

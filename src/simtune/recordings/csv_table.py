@@ -65,7 +65,7 @@ def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, np.ndarray, Lin
             raise InputError(f"{where}: expected {num_columns} cells, got {len(cells)}")
         empty.append(np.array([not cell.strip() for cell in cells]))
         try:
-            rows.append(np.array([float(cell) if cell.strip() else np.nan for cell in cells]))
+            rows.append(np.array([_number(cell) for cell in cells]))
         except ValueError as error:
             cell = str(error).partition(": ")[2]
             raise InputError(f"{where}: expected a number, got {cell}") from None
@@ -74,6 +74,13 @@ def read_rows(path: Path, num_columns: int) -> tuple[np.ndarray, np.ndarray, Lin
     if len(rows) < 2:
         raise InputError(f"{path}: has {len(rows)} rows of numbers; expected at least 2")
     return np.stack(rows), np.stack(empty), lines
+
+
+def _number(cell: str) -> float:
+    """A cell's number, NaN for an empty one. Raises ValueError; `float` would take 1_0 for 10."""
+    if "_" in cell:
+        raise ValueError(f"not a number: {cell!r}")
+    return float(cell) if cell.strip() else np.nan
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:

@@ -17,6 +17,7 @@ from simtune.recordings.robomimic import RobomimicSource
 from simtune.recordings.source import Source, short
 from simtune.recordings.turning import Turning
 
+# Endings of files, in small letters or large
 _HDF5 = (".hdf5", ".h5")
 _BAGS = (".mcap", ".db3", ".bag")
 
@@ -66,26 +67,26 @@ def _recognise(
     pictures: bool,
     leave_out: Sequence[str],
 ) -> Source:
-    if path.is_file() and path.suffix in _HDF5:
+    if path.is_file() and path.suffix.lower() in _HDF5:
         return RobomimicSource(path, camera, control_hz, pictures=pictures, leave_out=leave_out)
-    if path.is_file() and path.suffix in _BAGS:
+    if path.is_file() and path.suffix.lower() in _BAGS:
         raise _is_bag(path)
     names = _listed(path)
     if (path / INFO_PATH).is_file():
         return LeRobotSource(path, camera, pictures=pictures, leave_out=leave_out)
-    if hdf5 := [name for name in names if name.endswith(_HDF5)]:
+    if hdf5 := [name for name in names if name.lower().endswith(_HDF5)]:
         if len(hdf5) > 1:
             raise InputError(f"{path}: has several HDF5 files, give one of them: {short(hdf5)}")
         return RobomimicSource(
             path / hdf5[0], camera, control_hz, pictures=pictures, leave_out=leave_out
         )
     are_pairs = any(name.lower().endswith((*VIDEOS, TABLE)) for name in names)
-    has_arrays = any(name.endswith(ARRAYS) for name in names)
+    has_arrays = any(name.lower().endswith(ARRAYS) for name in names)
     if has_arrays and (not are_pairs or holds_episodes(path)):
         return ArraysSource(path, camera, pictures=pictures, leave_out=leave_out)
     if are_pairs:
         return PairsSource(path, camera, pictures=pictures, leave_out=leave_out)
-    if any(file.suffix in _BAGS for file in (*path.glob("*"), *path.glob("*/*"))):
+    if any(file.suffix.lower() in _BAGS for file in (*path.glob("*"), *path.glob("*/*"))):
         raise _is_bag(path)
     raise InputError(
         f"{path}: no recordings; looked for {INFO_PATH} (LeRobotDataset), *.hdf5 "

@@ -82,9 +82,7 @@ class PairsSource:
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         if not self._is_acted_on:
-            seen_s = video.frame_times(self._video(episode))
-            if len(seen_s) < 2:
-                raise InputError(f"{self._video(episode)}: holds one frame; expected at least 2")
+            seen_s = self._frame_times(episode)
             return Rows(np.empty((len(seen_s), 0)), seen_s, float(seen_s[-1]))
         path = self._table(episode)
         header = read_header(path)
@@ -138,6 +136,14 @@ class PairsSource:
     def _table(self, episode: int) -> Path:
         return self._tables[self.episodes[episode]]
 
+    def _frame_times(self, episode: int) -> np.ndarray:
+        """(F,) seconds of a video's frames, F >= 2. Raises InputError."""
+        path = self._video(episode)
+        seen_s = video.frame_times(path)
+        if len(seen_s) < 2:
+            raise InputError(f"{path}: holds one frame; expected at least 2")
+        return seen_s
+
     def _fps(self) -> float:
         """Actions per second of the first used episode."""
         rows = self.rows(first := self.kept[0])
@@ -160,7 +166,7 @@ class PairsSource:
         if self._is_timed:
             is_told = [is_time(name) for name in self._header]
             return self._told_times(episode, table[:, is_told], lines)
-        seen_s = video.frame_times(self._video(episode))
+        seen_s = self._frame_times(episode)
         if len(seen_s) - len(table) not in (0, 1):
             raise InputError(
                 f"{self._table(episode)}: {len(table)} rows, {self._video(episode).name} has "
@@ -174,8 +180,8 @@ class PairsSource:
     ) -> tuple[np.ndarray, float, float]:
         """Like `_times`, from the table's own column of times."""
         path, times_s = self._table(episode), column[:, 0]
-        seen_s = None if self.camera is None else video.frame_times(self._video(episode))
-        frame_s = 0.0 if seen_s is None or len(seen_s) < 2 else typical_step_s(seen_s)
+        seen_s = None if self.camera is None else self._frame_times(episode)
+        frame_s = 0.0 if seen_s is None else typical_step_s(seen_s)
         # Any zero will do where nothing is filmed; else a clock that rounds is off by half a frame
         first_s = -np.inf if seen_s is None else -frame_s / 2 - 1e-9
         if (row := first_wrong(~(np.diff(times_s, prepend=first_s) > 0))) is not None:

@@ -185,7 +185,7 @@ class RunData:
     def known(self) -> frozenset[str]:
         """Parameters of known colours, which a posterior search leaves as they are.
 
-        None if the task is not there.
+        Empty if the task is not there.
         """
         task = self._task if self.colours and self.search == "posterior" else None
         if not isinstance(task, Task):

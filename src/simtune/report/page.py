@@ -12,11 +12,11 @@ from markupsafe import Markup
 
 from simtune.errors import InputError
 from simtune.report import (
-    expected_precision,
     joint_plots,
     pair_plots,
     part_plots,
     plots,
+    precision_table,
     rank_plots,
     trust,
     words,
@@ -54,7 +54,7 @@ def _page(run: RunData) -> str:
         policy_video=run.videos.get(POLICY_VIDEO),
         learning_curve=plots.learning_curve(run),
         ranks=trust.ranks(run),
-        comparisons=expected_precision.compare(run),
+        comparisons=precision_table.compare(run),
         pairs=trust.pairs(run),
         poses=trust.poses(run),
         identified_share=IDENTIFIED_SHARE,
@@ -92,7 +92,7 @@ def _environment() -> Environment:
         "holds_truth": trust.holds_truth,
         "mean_error": trust.mean_error,
         "num_holding": trust.num_holding,
-        "reasons": expected_precision.reasons,
+        "reasons": precision_table.reasons,
         "ends_farther": part_plots.ends_farther,
         "readings_farther": joint_plots.readings_farther,
         "further_off": words.further_off,

@@ -26,23 +26,24 @@ def save(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, 
 
     Tensors may be on any device and share memory; they are loaded on the CPU. `state` must be JSON.
     The checkpoint becomes visible once all of it is on the disk. Raises RuntimeError if it cannot
-    be written, e.g. on a full disk; earlier checkpoints stay.
+    be written, e.g. on a full disk; earlier checkpoints stay. Older ones that cannot be removed
+    stay as well, with a warning.
     """
-    folder.mkdir(exist_ok=True)
     number = max((int(path.name) for path in _numbered(folder)), default=0) + 1
     temporary = folder / f".{number:06d}.tmp"
     path = folder / f"{number:06d}"
     shutil.rmtree(temporary, ignore_errors=True)
     try:
+        folder.mkdir(exist_ok=True)
         _write(temporary, tensors, state)
+        os.replace(temporary, path)
+        sync_folder(folder)
     except (OSError, SafetensorError) as error:
         shutil.rmtree(temporary, ignore_errors=True)  # room for logs
         raise RuntimeError(
             f"cannot write the checkpoint {path}: {error}; make room there, and the same command "
             "goes on from the one before"
         ) from error
-    os.replace(temporary, path)
-    sync_folder(folder)
     _prune(folder)
     return path
 
@@ -122,4 +123,7 @@ def _separate(tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
 
 def _prune(folder: Path) -> None:
     for path in _numbered(folder)[:-_KEPT]:
-        shutil.rmtree(path)
+        try:
+            shutil.rmtree(path)
+        except OSError as error:
+            log.warning("the old checkpoint %s cannot be removed, and stays: %s", path, error)

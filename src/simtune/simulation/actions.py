@@ -16,7 +16,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName
-from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.parameters.joint_types import HINGE_OR_SLIDE
 from simtune.simulation.action_numbers import each, finite_range
 from simtune.simulation.servos import actuator_name, is_clipped, position_servos
 

@@ -176,7 +176,10 @@ class EnvironmentSimulator(AnySimulator):
         return frames
 
     def _play(self, seed: int, world: np.ndarray, actions: np.ndarray) -> Iterator[dict[str, Any]]:
-        """The environment's info on each state in turn, until its time or its end."""
+        """The environment's info on each state in turn, until the actions or the task end.
+
+        A time limit of the environment's own (`truncated`) ends nothing: recordings may be longer.
+        """
         yield self._begin(seed, world)
         for action in actions.astype(np.float32):
             with blame_environment("the environment's step() failed"):

@@ -7,11 +7,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from simtune.parameters.fields import OF_JOINTS
+from simtune.parameters.joint_types import FREE, HINGE, SLIDE
 from simtune.simulation.states import StateSpace
 from simtune.simulation.ties import joint_ties, joints_of_tendon, tied_bodies, with_tied
 
-_FREE = mujoco.mjtJoint.mjJNT_FREE.value
-_SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE.value, mujoco.mjtJoint.mjJNT_HINGE.value
 _BY_TENDON = mujoco.mjtTrn.mjTRN_TENDON.value
 _FAR = 2.0  # of the model's extent, from where it began
 _USUAL = 0.02, 0.98  # quantiles of places: an object that was flung away tells nothing
@@ -21,7 +20,7 @@ def loose_joints(model: mujoco.MjModel) -> np.ndarray:
     """Joints of free bodies in trees of their own, to which nothing is tied."""
     alone = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=model.nbody) == 1
     alone[model.body_rootid[list(tied_bodies(model))]] = False
-    return np.flatnonzero((model.jnt_type == _FREE) & alone[model.jnt_bodyid])
+    return np.flatnonzero((model.jnt_type == FREE) & alone[model.jnt_bodyid])
 
 
 def passive_joints(model: mujoco.MjModel) -> np.ndarray:
@@ -45,11 +44,11 @@ def gliding_joints(model: mujoco.MjModel, measured: Sequence[int] = ()) -> np.nd
     """
     tree, kind = model.body_treeid[model.jnt_bodyid], model.jnt_type
     is_held = ~np.isin(np.arange(model.njnt), passive_joints(model)) | (model.jnt_stiffness != 0)
-    is_held |= np.isin(model.jnt_qposadr, measured) | ~np.isin(kind, (_SLIDE, _HINGE))
+    is_held |= np.isin(model.jnt_qposadr, measured) | ~np.isin(kind, (SLIDE, HINGE))
     ties = joint_ties(model)
     is_held[[*model.eq_obj1id[ties], *model.eq_obj2id[ties]]] = True
     held = [*tree[is_held], *model.body_treeid[list(tied_bodies(model))]]
-    slides = np.bincount(tree[kind == _SLIDE], minlength=model.ntree)
+    slides = np.bincount(tree[kind == SLIDE], minlength=model.ntree)
     return np.flatnonzero((slides[tree] >= 2) & ~np.isin(tree, held))
 
 

@@ -67,10 +67,9 @@ def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:
     Returns (shift, factor). Its gear must not be 0.
     """
     gear = model.actuator_gear[model.actuator_outadr[servo], 0]
-    bias = model.actuator_biasprm[servo]
-    per_length = 1 / (-(bias[1] or bias[2]) * gear)
-    bias, gain = model.actuator_biasprm[servo, 0], model.actuator_gainprm[servo, 0]
-    return float(bias * per_length), float(gain * per_length)
+    constant, per_position, per_speed = model.actuator_biasprm[servo, :3]
+    per_length = 1 / (-(per_position or per_speed) * gear)
+    return float(constant * per_length), float(model.actuator_gainprm[servo, 0] * per_length)
 
 
 def actuator_name(model: mujoco.MjModel, actuator: int) -> str:

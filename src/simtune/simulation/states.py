@@ -8,8 +8,7 @@ other module needs to know that layout.
 import mujoco
 import numpy as np
 
-_BALL, _FREE = mujoco.mjtJoint.mjJNT_BALL.value, mujoco.mjtJoint.mjJNT_FREE.value
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
+from simtune.parameters.joint_types import BALL, FREE, HINGE
 
 
 class StateSpace:
@@ -27,11 +26,11 @@ class StateSpace:
             kind, q, v = (
                 int(x[joint]) for x in (model.jnt_type, model.jnt_qposadr, model.jnt_dofadr)
             )
-            if kind in (_BALL, _FREE):
-                offset = 3 if kind == _FREE else 0
+            if kind in (BALL, FREE):
+                offset = 3 if kind == FREE else 0
                 plain += [(q + i, v + i) for i in range(offset)]
                 self._quaternions.append((q + offset, v + offset))
-            elif kind == _HINGE and not model.jnt_limited[joint]:
+            elif kind == HINGE and not model.jnt_limited[joint]:
                 endless.append((q, v))
             else:
                 plain.append((q, v))

@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from simtune.parameters.joint_types import HINGE
+
 _MAX_ATTEMPTS = 1000
 
 
@@ -30,7 +32,7 @@ def randomize_joints(batch: Batch, rng: np.random.Generator, ids: np.ndarray) ->
     model = batch.model
     assert model.nq == model.njnt, "only hinges and slides"
     limited = model.jnt_limited == 1
-    moved = limited | (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE.value)
+    moved = limited | (model.jnt_type == HINGE)
     low, high = np.where(limited[:, None], model.jnt_range, [-np.pi, np.pi])[moved].T
     batch.qpos[np.ix_(ids, moved)] = rng.uniform(low, high, (len(ids), moved.sum()))
 

@@ -16,6 +16,7 @@ import numpy as np
 from simtune.cameras.footage import Footage
 from simtune.observation import JointSensor
 from simtune.parameters import Parameter, ParameterSpace
+from simtune.parameters.joint_types import HINGE
 from simtune.tasks.task import Task
 
 _ENCODER_NOISE = 1e-3  # rad or m
@@ -48,7 +49,7 @@ def suite_task(
 
 def _encoders(model: mujoco.MjModel, joints: tuple[str, ...]) -> JointSensor:
     """Encoders of joints that are all hinges or all slides; their zero is the model's."""
-    is_hinge = model.joint(joints[0]).type[0] == mujoco.mjtJoint.mjJNT_HINGE
+    is_hinge = model.joint(joints[0]).type[0] == HINGE
     return JointSensor(
         name="encoders",
         columns=joints,

@@ -108,7 +108,7 @@ class PaperSearch(Search):
         return Round(estimate, events, {"spm_loss": loss, **scalars})
 
     def _collect(self, real: list[Trajectory]) -> None:
-        """Add one round's episodes to D_sp, each in a world of its own drawn from Ξ."""
+        """Add one iteration's episodes to D_sp, each in a world of its own drawn from Ξ."""
         num, steps = self.config.episodes_per_iteration, self.config.episode_steps
         chosen = self._rng.integers(len(real), size=num)
         actions = np.stack([real[i].actions[np.arange(steps) % len(real[i])] for i in chosen])

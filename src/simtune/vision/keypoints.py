@@ -21,7 +21,7 @@ from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simul
 from simtune.simulation.rendering.appearance import NUM_GROUPS
 from simtune.simulation.rendering.plate import stands_still
 
-# As values, since MuJoCo's enums do not equal the integers in its arrays.
+# As values: see `parameters.joint_types`
 _SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends add nothing to its centre
 _ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value)
 _MOUNTED = mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value
@@ -183,11 +183,10 @@ def find_keypoints(
     seed: int,
     points: Keypoints | Points | None = None,
 ) -> Keypoints | Points:
-    """Few keypoints from which all others follow, judged by a few exploring episodes.
+    """Few of `points` (by default of all) from which the others follow, told by a few episodes.
 
-    Among `points`, by default all that there are.
-
-    Chosen for each view separately: what two cameras see is measured twice.
+    These explore worlds of the `distribution`. Keypoints are chosen for each view separately: what
+    two cameras see is measured twice. Raises RuntimeError if no world of a model stays finite.
     """
     rng = np.random.default_rng(seed)
     points = every_keypoint(simulator) if points is None else points
@@ -195,8 +194,17 @@ def find_keypoints(
         return points
     steps = PILOT_STEPS // _PILOTS
     act, parameters = simulator.explore(_PILOTS, steps, rng), distribution.sample(_PILOTS, rng)
-    rollouts = simulator.play(parameters, act, steps, rng, observe=points.observe).finished()
-    seen = rollouts.observed.reshape(-1, len(points), 2)
+    played = simulator.play(parameters, act, steps, rng, observe=points.observe)
+    finished = played.finished()
+    if not len(finished):
+        if isinstance(simulator, Simulator):
+            raise RuntimeError(
+                f"each of {_PILOTS} worlds with random actions diverged within {steps} steps, so "
+                "nothing tells which points move; check the timestep, the bounds and where "
+                "episodes begin"
+            )
+        finished = played  # an environment's points stay where its episodes end
+    seen = finished.observed.reshape(-1, len(points), 2)
     of_view = points.views if isinstance(points, Keypoints) else np.zeros(len(points), int)
     chosen: list[int] = []
     for view in np.unique(of_view):

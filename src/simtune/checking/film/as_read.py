@@ -14,6 +14,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.observation import ObservationModel, joints_of, measured_places
 from simtune.parameters.backlash import play_of
+from simtune.parameters.joint_types import HINGE
 from simtune.simulation import Simulator
 from simtune.simulation.filming import Filming
 from simtune.simulation.rendering.appearance import NUM_GROUPS
@@ -21,8 +22,6 @@ from simtune.simulation.rendering.plate import stands_still
 from simtune.simulation.scene import Drawing
 from simtune.trajectory import Trajectory
 from simtune.vision.keypoints import is_drawn
-
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
 
 
 class AsRead:
@@ -67,7 +66,7 @@ class AsRead:
     def is_hinge(self, place: int) -> bool:
         """Whether the joint at this place turns."""
         model = self._simulator.model
-        return bool(model.jnt_type[model.jnt_qposadr.tolist().index(place)] == _HINGE)
+        return bool(model.jnt_type[model.jnt_qposadr.tolist().index(place)] == HINGE)
 
     def draw(
         self,

@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,9 +18,10 @@ from simtune.checking.film.explanations import AtOdds
 from simtune.checking.film.film_warnings import warnings
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.painted import hidden_background, painted_over
-from simtune.checking.film.picture import draw_film, named, new_file
+from simtune.checking.film.picture import draw_film
 from simtune.checking.film.resting import in_words, resting_parts
 from simtune.checking.film.turned import Turned, turned
+from simtune.checking.picture_files import picture_file
 from simtune.config import CheckConfig
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
@@ -57,31 +59,54 @@ def look_at(
     odds = _at_odds(films, simulator, recorded, config.seed, {*instead, *turns})
     facts, found = {}, []
     for i, (film, library) in enumerate(zip(films, libraries, strict=True)):
-        comparison, other = compare(film.frames, library), instead.get(film.name)
-        turn, odd = turns.get(film.name), odds.get(film.name)
-        states = library.states.reshape(-1, library.states.shape[-1])
-        film = film._replace(painted=painted_over(simulator, states, i))
-        warned = warnings(film, comparison, other, turn, odd)
-        hidden = hidden_background(film.painted) if film.is_plate else []
         which = f"-{film.name.replace('/', '_')}" if len(films) > 1 else ""
-        path = named(config.pictures, which) or new_file(which)
-        draw_film(path, task, film, library, comparison, warned + hidden)
-        said = {"exchanged_with": other, "against_readings": turn and turn.says}
-        said |= {"against_actions": odd and odd.facts(), "pictures": str(path)}
-        facts[film.name] = comparison.facts() | said
-        view = film.view
-        if (
-            warned
-            and not (other or turn or odd)
-            and not view.background_is_unknown
-            and camera_moves(simulator.model, view.camera)
-        ):
-            warned = [f"{warned[0]}; {_NOT_MODELLED}"]
-        if other is None and (rest := resting_parts(simulator, library, i)):
-            warned = [*warned, in_words(rest)]
-        warned = [*warned, *hidden]
+        path = picture_file(config.pictures, which)
+        why = _Why(instead.get(film.name), turns.get(film.name), odds.get(film.name))
+        facts[film.name], warned = _look_at_one(i, film, library, task, simulator, why, path)
         found += [f"camera {film.name}: {warning}" for warning in warned] if which else warned
     return facts, found
+
+
+class _Why(NamedTuple):
+    """What explains that a film is unlike the simulator, as far as something does."""
+
+    other: str | None  # the camera whose film it seems to have instead
+    turn: Turned | None
+    odd: AtOdds | None
+
+    def facts(self) -> dict[str, Any]:
+        """JSON."""
+        return {
+            "exchanged_with": self.other,
+            "against_readings": self.turn and self.turn.says,
+            "against_actions": self.odd and self.odd.facts(),
+        }
+
+
+def _look_at_one(
+    number: int,
+    film: CameraFilm,
+    library: Library,
+    task: Task,
+    simulator: Simulator,
+    why: _Why,
+    path: Path,
+) -> tuple[dict[str, Any], list[str]]:
+    """Facts of the film of one camera, the simulator's view `number`, and warnings."""
+    comparison = compare(film.frames, library)
+    states = library.states.reshape(-1, library.states.shape[-1])
+    film = film._replace(painted=painted_over(simulator, states, number))
+    warned = warnings(film, comparison, *why)
+    hidden = hidden_background(film.painted) if film.is_plate else []
+    draw_film(path, task, film, library, comparison, warned + hidden)
+    facts = comparison.facts() | why.facts() | {"pictures": str(path)}
+    looks_around = camera_moves(simulator.model, film.view.camera)
+    may_be_the_room = looks_around and not film.view.background_is_unknown and not any(why)
+    if warned and may_be_the_room:
+        warned = [f"{warned[0]}; {_NOT_MODELLED}"]
+    if why.other is None and (rest := resting_parts(simulator, library, number)):
+        warned = [*warned, in_words(rest)]
+    return facts, [*warned, *hidden]
 
 
 def _exchanged(films: list[CameraFilm], libraries: list[Library]) -> dict[str, str]:

@@ -1,7 +1,5 @@
 """A PNG of a film beside the simulator's pictures, for people to judge."""
 
-import os
-import tempfile
 import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
@@ -32,18 +30,6 @@ _LEGEND = (
 _INK, _BAD, _GOOD = "#22262b", "#b3261e", "#1b6e3c"
 _WIDTH_IN, _CELL_IN, _HEAD_IN, _FOOT_IN = 9.0, 2.62, 0.72, 0.78
 _LEFT, _RIGHT = 0.11, 0.985
-
-
-def new_file(which: str = "") -> Path:
-    """A new empty file in the system's temporary folder."""
-    handle, name = tempfile.mkstemp(prefix="simtune-check-", suffix=f"{which}.png")
-    os.close(handle)
-    return Path(name)
-
-
-def named(pictures: Path | None, which: str) -> Path | None:
-    """The file that was asked for, if any, with `which` at the end of its name."""
-    return pictures and pictures.with_stem(pictures.stem + which)
 
 
 def draw_film(

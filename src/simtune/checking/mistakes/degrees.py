@@ -7,6 +7,7 @@ import numpy as np
 
 from simtune.columns import cut
 from simtune.observation import JointSensor, by_column
+from simtune.units import GAIN_OF_DEGREES
 
 _FAR_BEYOND = 3.0  # times a range: no encoder's zero is so far off
 _TURN = 2 * np.pi  # either way, of hinges without limits
@@ -30,7 +31,7 @@ def like_degrees(
     return [
         f"the largest readings in rad are {told}, far beyond what these hinges can turn: are they "
         'in degrees? Then write unit = "deg" in [[sensors]], and, if actions are in degrees as '
-        'well, mapping = "scaled" and gain = 0.0174533 in [actions]'
+        f'well, mapping = "scaled" and gain = {GAIN_OF_DEGREES} in [actions]'
     ]
 
 

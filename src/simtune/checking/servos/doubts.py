@@ -14,6 +14,7 @@ from simtune.checking.servos.following import (
 )
 from simtune.checking.servos.velocities import are_velocities
 from simtune.columns import episode_in_words
+from simtune.units import OTHER_UNITS
 
 EXCHANGED = "are columns exchanged?"  # kind of a doubt
 
@@ -26,10 +27,6 @@ _FAR = (0.5, 0.75)  # of the way to the farthest command: near below, far above
 _SHORT, _CLEARLY = 0.1, 4.0  # of that way; factor on the residuals near by
 _FEWEST = 20  # frames far out
 _COUNTS = 3.0  # times as fast as commanded, and faster: no motor is
-_DEGREES = 180 / np.pi
-# {unit: how many of another one it has, its name, and its key in a tuning file}
-OTHER_UNITS = {"rad": (_DEGREES, "degrees", "deg"), "m": (1000.0, "mm", "mm")}
-OTHER_UNITS |= {f"{unit}/s": its for unit, its in OTHER_UNITS.items()}
 _RPM = 30 / np.pi
 
 

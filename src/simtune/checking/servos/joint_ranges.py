@@ -11,7 +11,7 @@ from simtune.observation import JointSensor, by_column
 WIDER = 1.25  # than the joint's range: limits are soft
 # Nothing that a joint strikes makes it so; less is left to its commands, which tell more
 CERTAINLY_WIDER = 3.0
-_USUAL = (0.01, 0.99)  # quantiles of readings
+USUAL = (0.01, 0.99)  # quantiles of readings
 
 
 def beyond_ranges(
@@ -30,7 +30,7 @@ def beyond_ranges(
         limits = model.joint(joint)
         if sensor.is_velocity or not limits.limited[0] or not len(known):
             continue
-        (low, high), (least, most) = limits.range, np.quantile(known, _USUAL)
+        (low, high), (least, most) = limits.range, np.quantile(known, USUAL)
         if most - least > factor * (high - low):
             says = (
                 f"{joint} reads {least:.3g} to {most:.3g} {sensor.unit}, farther apart than the "

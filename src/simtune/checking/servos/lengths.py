@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 
-import mujoco
 import numpy as np
 
 from simtune.checking.servos.commands import commanded_spans
 from simtune.checking.servos.doubt import Doubt, grouped
+from simtune.checking.servos.joint_ranges import USUAL
 from simtune.observation import JointSensor, by_column
+from simtune.parameters.joint_types import SLIDE
 from simtune.simulation import Simulator
 
 _FAR = 50.0  # times a model's extent: farther than robots drive, and pixels or mm are more
-_USUAL = (0.01, 0.99)  # quantiles of readings
 
 
 def far_beyond_model(
@@ -29,7 +29,7 @@ def far_beyond_model(
     found = []
     for joint in range(model.njnt):
         name = model.joint(joint).name
-        is_slide = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+        is_slide = model.jnt_type[joint] == SLIDE
         # Readings of a joint with a servo are compared with its commands, which tell more
         span = commanded.get(name, read.get(name, 0.0))
         if is_slide and span > _FAR * model.stat.extent:
@@ -57,5 +57,5 @@ def _read(sensors: Sequence[JointSensor], values: np.ndarray) -> dict[str, float
     for sensor, column, its in by_column(sensors, values):
         known = its[np.isfinite(its)]
         if not sensor.is_velocity and len(known):
-            found[sensor.joints[column]] = float(np.ptp(np.quantile(known, _USUAL)))
+            found[sensor.joints[column]] = float(np.ptp(np.quantile(known, USUAL)))
     return found

@@ -15,6 +15,7 @@ import numpy as np
 
 from simtune.observation import JointSensor
 from simtune.parameters import ModelWriter
+from simtune.parameters.joint_types import FREE, SLIDE
 from simtune.simulation import Simulator
 from simtune.simulation.joints import joints_of_state, joints_up_from
 
@@ -22,7 +23,6 @@ _TOUCHING = 0.02  # of a usual body's size, between what stands on each other
 _TOLD = 1e-3  # of the largest singular value: directions that contacts tell of
 # Prior std of unknowns: of a usual speed, and rad or per second; and of an angle of a later part
 _SHARE, _LEAST, _ANGLE = 0.1, 1e-4, 0.05
-_SLIDE, _FREE = mujoco.mjtJoint.mjJNT_SLIDE.value, mujoco.mjtJoint.mjJNT_FREE.value
 
 
 class Bases:
@@ -104,7 +104,7 @@ def _is_rotation(model: mujoco.MjModel) -> np.ndarray:
     """(nv,) bool"""
     kinds = model.jnt_type[model.dof_jntid]
     place = np.arange(model.nv) - model.jnt_dofadr[model.dof_jntid]
-    return (kinds != _SLIDE) & ((kinds != _FREE) | (place >= 3))
+    return (kinds != SLIDE) & ((kinds != FREE) | (place >= 3))
 
 
 def _slip_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

@@ -71,19 +71,7 @@ class Raycaster:
             self._alone = cache(partial(Raycaster, model, space, camera, size, *settings))
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
-        model = as_opengl_reads(model)
-        sky = None
-        if plate is not None:
-            check_stands_still(model, camera)
-            model = before_plate(model, space)
-            sky = packed(plate)
-        elif background_is_unknown:
-            model = before_plate(model, space)
-            sky = np.full(size, _GREY, np.uint32)
-        elif can_turn(model, space, model.camera(camera).id):
-            model = smooth_sky(model, model.cam_fovy[model.camera(camera).id] / size[0])
-        else:
-            sky = constant_sky(model, camera, size)
+        model, sky = _with_sky(model, space, camera, size, plate, background_is_unknown)
         threads = 1 if is_cpu else num_threads
         self._idle = [  # with the beginning of the chunk that each drew last; the latest is last
             (-1, Context(model, space, camera, size, sky, self._chunk, threads))
@@ -151,6 +139,26 @@ class Raycaster:
         with self._taking:
             drew_it = [i for i, (began, _) in enumerate(self._idle) if began == start]
             return self._idle.pop(drew_it[-1] if drew_it else 0)[1]
+
+
+def _with_sky(
+    model: mujoco.MjModel,
+    space: ParameterSpace,
+    camera: str,
+    size: tuple[int, int],
+    plate: np.ndarray | None,
+    background_is_unknown: bool,
+) -> tuple[mujoco.MjModel, np.ndarray | None]:
+    """The model to draw, and (H, W) packed pixels behind it; None: its own sky, drawn."""
+    model, number = as_opengl_reads(model), model.camera(camera).id
+    if plate is not None:
+        check_stands_still(model, camera)
+        return before_plate(model, space), packed(plate)
+    if background_is_unknown:
+        return before_plate(model, space), np.full(size, _GREY, np.uint32)
+    if can_turn(model, space, number):
+        return smooth_sky(model, model.cam_fovy[number] / size[0]), None
+    return model, constant_sky(model, camera, size)
 
 
 def _num_cores() -> int:

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.parameters.joint_types import HINGE_OR_SLIDE
 from simtune.simulation.prepare import lift_limit
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable

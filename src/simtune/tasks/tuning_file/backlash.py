@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
@@ -84,7 +84,7 @@ def _play(entry: TomlTable, model: mujoco.MjModel, joint: int, name: str) -> flo
 
 
 def _is_hinge(model: mujoco.MjModel, joint: int) -> bool:
-    return bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE)
+    return bool(model.jnt_type[joint] == HINGE)
 
 
 def _per_radian(spec: mujoco.MjSpec, model: mujoco.MjModel, joint: int) -> float:

@@ -6,10 +6,9 @@ import mujoco
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.parameters.joint_types import BALL, FREE, SLIDE
 
-_JNT = mujoco.mjtJoint
 _EQ, _OBJ = mujoco.mjtEq, mujoco.mjtObj
-_FREE, _BALL, _SLIDE = _JNT.mjJNT_FREE.value, _JNT.mjJNT_BALL.value, _JNT.mjJNT_SLIDE.value
 
 
 class _Pose(NamedTuple):
@@ -50,14 +49,14 @@ def move_bodies(model: mujoco.MjModel, fixed: set[int], qpos: np.ndarray) -> Non
         after = _Pose(np.zeros(3), np.array([1.0, 0, 0, 0]))
         for joint in reversed(range(first, first + count)):
             at = int(model.jnt_qposadr[joint])
-            if joint in fixed and model.jnt_type[joint] == _FREE:
+            if joint in fixed and model.jnt_type[joint] == FREE:
                 model.body_pos[body], model.body_quat[body] = (
                     qpos[at : at + 3],
                     qpos[at + 3 : at + 7],
                 )
             elif joint in fixed:
                 after = _displacement(model, joint, qpos, at).then(after)
-            elif model.jnt_type[joint] == _BALL and abs(after.quat[0]) < 1 - 1e-9:
+            elif model.jnt_type[joint] == BALL and abs(after.quat[0]) < 1 - 1e-9:
                 name = model.joint(joint).name
                 raise InputError(f"ball joint {name!r} comes before fixed joints: fix it as well")
             else:
@@ -73,9 +72,9 @@ def _displacement(model: mujoco.MjModel, joint: int, qpos: np.ndarray, at: int) 
     axis, anchor = model.jnt_axis[joint], model.jnt_pos[joint]
     moved = qpos[at] - model.qpos0[at]
     quat = np.array([1.0, 0, 0, 0])
-    if model.jnt_type[joint] == _SLIDE:
+    if model.jnt_type[joint] == SLIDE:
         return _Pose(axis * moved, quat)
-    if model.jnt_type[joint] == _BALL:
+    if model.jnt_type[joint] == BALL:
         quat = qpos[at : at + 4] / np.linalg.norm(qpos[at : at + 4])
     else:
         mujoco.mju_axisAngle2Quat(quat, axis, moved)

@@ -9,27 +9,22 @@ import yaml
 from simtune.cameras.footage import Footage
 from simtune.cameras.lens import Lens
 from simtune.errors import InputError
+from simtune.tasks.tuning_file.latency import read_latency_s
 from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.validate import is_number
 
 KEYS = ("key", "background", "intrinsics", "distortion", "calibration", "region", "latency_s")
 _NO_DISTORTION = (0.0,) * 5
-_LONGEST_LATENCY_S = 1.0
 _FEWEST_COEFFICIENTS, _COEFFICIENTS = 4, 5  # k3 may be left out
 
 
 def read_footage(table: TomlTable) -> Footage:
     """Read the recordings of [camera], or of one of [[cameras]]. Raises InputError."""
-    latency_s = table.number("latency_s", 0.0)
-    if not 0 <= latency_s <= _LONGEST_LATENCY_S:
-        raise table.error(
-            f"latency_s must be from 0 to {_LONGEST_LATENCY_S:g}, got {latency_s:g}", "latency_s"
-        )
     return Footage(
         key=table.text("key", None),
         lens=_lens(table),
         background=_background(table),
-        latency_s=latency_s,
+        latency_s=read_latency_s(table),
     )
 
 
@@ -107,6 +102,11 @@ def read_calibration(path: Path) -> Lens:
     k1, k2, p1, p2, k3 = (*coefficients, 0.0)[:_COEFFICIENTS]
     width, height = (_size(path, content, name) for name in ("width", "height"))
     fx, _, cx, _, fy, cy = matrix[:6]
+    if not (fx > 0 and fy > 0):
+        raise InputError(
+            f"{path}: expected focal lengths above 0 pixels, got fx = {fx:g} and fy = {fy:g}; "
+            "all 0 means that the camera was never calibrated: calibrate it, or leave this out"
+        )
     return Lens(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
 
 
@@ -132,6 +132,6 @@ def _matrix(path: Path, content: dict, names: tuple[str, ...]) -> list[float]:
 
 def _size(path: Path, content: dict, name: str) -> int:
     value = content.get(f"image_{name}", content.get(name))
-    if not isinstance(value, int) or value < 1:
-        raise InputError(f"{path}: expected image_{name}, pixels")
+    if not is_number(value) or not isinstance(value, int) or value < 1:
+        raise InputError(f"{path}: expected image_{name}, pixels; got {value!r:.60}")
     return value

@@ -5,15 +5,12 @@ import numpy as np
 
 from simtune.errors import UnknownName
 from simtune.parameters.backlash import driven_through
-from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.parameters.joint_types import FREE, HINGE, HINGE_OR_SLIDE, SLIDE
 from simtune.simulation.ties import dofs_of_ties
 from simtune.tasks.tuning_file.object_names import find_keyframe
 from simtune.tasks.tuning_file.start import Spread, Start
 from simtune.tasks.tuning_file.toml_table import TomlTable
 
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
-_FREE = mujoco.mjtJoint.mjJNT_FREE.value
-_SLIDE = mujoco.mjtJoint.mjJNT_SLIDE.value
 _KINDS = ("recording", "distribution", "keyframe")
 # Share of the model's extent: unlimited slides and free joints start within it of their pose
 _NEAR = 0.1
@@ -40,6 +37,8 @@ def read_initial_state(table: TomlTable, model: mujoco.MjModel) -> Start:
 def _keyframe(table: TomlTable, model: mujoco.MjModel, is_needed: bool) -> int:
     if "keyframe" not in table and not is_needed:
         return -1
+    if "keyframe" not in table:
+        raise table.error('kind = "keyframe" needs keyframe = NAME, one of the model\'s', "kind")
     with table.at("keyframe"):
         return find_keyframe(model, table.text("keyframe"))
 
@@ -57,9 +56,9 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
         if kind in HINGE_OR_SLIDE and model.jnt_limited[joint]:
             positions.append(Spread(at, *map(float, model.jnt_range[joint])))
         elif kind in HINGE_OR_SLIDE:
-            width = np.pi if kind == _HINGE else near
+            width = np.pi if kind == HINGE else near
             positions.append(Spread(at, pose[at] - width, pose[at] + width))
-        elif kind == _FREE:  # the body lies or stands anywhere near; only its height is kept
+        elif kind == FREE:  # the body lies or stands anywhere near; only its height is kept
             positions += [Spread(i, pose[i] - near, pose[i] + near) for i in (at, at + 1)]
             turns.append(Spread(at + 3, -np.pi, np.pi))
     return {"positions": positions, "turns": turns}
@@ -68,7 +67,7 @@ def _as_wide_as_joints_go(model: mujoco.MjModel, pose: np.ndarray) -> dict[str, 
 def _is_of_flex(model: mujoco.MjModel, joint: int) -> bool:
     """Whether a joint moves a part of a cloth or soft body, whose parts hold each other."""
     parts = (*model.flex_vertbodyid, *model.flex_nodebodyid)
-    return model.jnt_type[joint] == _SLIDE and model.jnt_bodyid[joint] in parts
+    return model.jnt_type[joint] == SLIDE and model.jnt_bodyid[joint] in parts
 
 
 def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, list[Spread]]:
@@ -81,7 +80,7 @@ def _declared(table: TomlTable, model: mujoco.MjModel) -> dict[str, list[Spread]
         joint, given = known[name], joints.table(name)
         at, velocity_at = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
         kind = model.jnt_type[joint]
-        if kind == _FREE:
+        if kind == FREE:
             given.allow("position", "turn")
             if "position" in given:
                 triple = given.pairs("position", 3)

@@ -51,7 +51,7 @@ def read_parameters(
             space = ParameterSpace([*space, *new], where=file.file.name)
             if any(parameter.changes_model for parameter in new):
                 model = _prepared(spec, space, step_s)
-            ModelWriter(space, model)
+            ModelWriter(space, model)  # refuses what cannot be written beside the others
     return space
 
 
@@ -201,7 +201,7 @@ def _draft(
         check_component(model, draft)
         check_sizes(model, draft)
     with entry.at("objects"):
-        own_values(model, draft)
+        own_values(model, draft)  # refuses what cannot be written
         check_objects(model, draft)
     return draft
 

@@ -9,7 +9,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from simtune.errors import InputError, UnknownName, blame
-from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.parameters.joint_types import HINGE_OR_SLIDE
 from simtune.tasks.batch_state import computed
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable

@@ -5,22 +5,14 @@ import numpy as np
 
 from simtune.observation import JointSensor
 from simtune.parameters.backlash import play_of
-from simtune.parameters.fields import HINGE_OR_SLIDE
+from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
+from simtune.tasks.tuning_file.latency import read_latency_s
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.units import PER_RAD_OR_M, TURNS
 
 _KEYS = ("name", "columns", "joints", "quantity", "unit", "gain", "noise", "offset")
 _KEYS += ("latency_s", "behind_backlash")
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
-_LONGEST_LATENCY_S = 1.0
-# Divisors that turn recorded numbers into rad or m
-_UNITS = {
-    "rad": 1.0,
-    "deg": 180 / np.pi,
-    "m": 1.0,
-    "mm": 1000.0,
-}
-_TURNS = ("rad", "deg")
 # Values at the ends of a joint's range; LeRobot uses both units
 _OF_RANGE = {"percent": (0.0, 100.0), "-100..100": (-100.0, 100.0)}
 _KINDS = ("cameras", "joints")
@@ -59,10 +51,6 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         raise entry.error(f"expected {count}; got {len(columns)}", "columns")
     factor, shift = _recorded_per_unit(entry, model, ids, is_velocity)
     noise, offset = entry.number("noise", None, above=0), entry.number("offset", None)
-    latency_s = entry.number("latency_s", 0.0)
-    if not 0 <= latency_s <= _LONGEST_LATENCY_S:
-        bound = f"lie in [0, {_LONGEST_LATENCY_S:g}] s"
-        raise entry.error(f"latency_s must {bound}, got {latency_s:g}", "latency_s")
     addresses = model.jnt_dofadr if is_velocity else model.jnt_qposadr
     geared = plays = np.zeros(0, int)
     if entry.flag("behind_backlash", default=False):
@@ -80,14 +68,14 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         shift=shift,
         noise=None if noise is None else noise / np.abs(factor),
         offset=None if offset is None else offset / factor,
-        latency_s=latency_s,
+        latency_s=read_latency_s(entry),
         endless=None if is_velocity else _endless(model, ids),
     )
 
 
 def _endless(model: mujoco.MjModel, ids: np.ndarray) -> np.ndarray | None:
     """(D,) bool: hinges without limits; None: all have some."""
-    endless = (model.jnt_type[ids] == _HINGE) & ~np.asarray(model.jnt_limited[ids], bool)
+    endless = (model.jnt_type[ids] == HINGE) & ~np.asarray(model.jnt_limited[ids], bool)
     return endless if endless.any() else None
 
 
@@ -103,7 +91,7 @@ def _plays(
 
 
 def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:
-    return "rad" if (model.jnt_type[ids] == _HINGE).all() else "m"
+    return "rad" if (model.jnt_type[ids] == HINGE).all() else "m"
 
 
 def _recorded_per_unit(
@@ -113,16 +101,16 @@ def _recorded_per_unit(
     if "gain" in entry:
         _check_kinds(entry, model, ids)
         return 1 / _gains(entry, len(ids)), np.zeros(len(ids))
-    unit = entry.choice("unit", (*_UNITS, *_OF_RANGE), _own_unit(model, ids))
+    unit = entry.choice("unit", (*PER_RAD_OR_M, *_OF_RANGE), _own_unit(model, ids))
     if unit in _OF_RANGE:
         if is_velocity:
             raise entry.error(f"{unit} is of a joint's range: no unit of a velocity", "unit")
         return _of_range(entry, model, ids, unit)
-    is_odd = (model.jnt_type[ids] == _HINGE) != (unit in _TURNS)
+    is_odd = (model.jnt_type[ids] == HINGE) != (unit in TURNS)
     if is_odd.any():
         odd = model.joint(int(ids[is_odd.argmax()])).name
         raise entry.error(f"{unit} is no unit of {odd}; give slides a sensor of their own", "unit")
-    return np.full(len(ids), _UNITS[unit]), np.zeros(len(ids))
+    return np.full(len(ids), PER_RAD_OR_M[unit]), np.zeros(len(ids))
 
 
 def _gains(entry: TomlTable, num: int) -> np.ndarray:

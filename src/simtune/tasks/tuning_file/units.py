@@ -4,6 +4,7 @@ import mujoco
 
 from simtune.parameters import Parameter
 from simtune.parameters.fields import OF_JOINTS
+from simtune.parameters.joint_types import SLIDE
 from simtune.simulation.servos import pulls_to_a_place, velocity_servos
 
 
@@ -42,7 +43,7 @@ def moves_slide(model: mujoco.MjModel, parameter: Parameter) -> bool:
 
 
 def _is_slide(model: mujoco.MjModel, joint: int) -> bool:
-    return model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE.value
+    return model.jnt_type[joint] == SLIDE
 
 
 def _is_length(model: mujoco.MjModel, tendon: int) -> bool:
