@@ -207,6 +207,9 @@ def test_another_scene_and_a_still_film_are_warned_of(library):
             picture[at : at + 16, 30:50] = 140
     (said,) = said_of(other, library)
     assert "another scene" in said
+    assert "shadow" not in said
+    (said,) = warnings(filmed(other, is_plate=True), compare(other, library))
+    assert said.endswith("to each other; or something else moves, such as a shadow")
     (said,) = said_of(film[:, :1].repeat(8, 1), library)
     assert said.startswith("nothing moves in the film")
 

@@ -92,6 +92,9 @@ def test_objects_are_named_by_patterns_and_by_what_they_belong_to(objects):
     assert objects("friction", "['hand', 'geom*']") == ("hand", "geom 0", "geom 1", "geom 2")
     assert objects("gain", "'actuator of left_wrist'") == ("actuator 1", "left_wrist")
     assert objects("joint_offset", "'joints of forearm'") == ("left_elbow", "joint 1")
+    assert objects("joint_offset", "'joints of *'") == ("left_elbow", "joint 1", "left_wrist")
+    assert objects("friction", "'geoms of [!f]*'") == ("hand",), "not the world's"
+    assert objects("gain", "'actuators of left_w*'") == ("actuator 1", "left_wrist")
     assert objects("joint_offset", "['left_*', 'joint ?']") == (
         "left_elbow",
         "left_wrist",
@@ -106,6 +109,7 @@ def test_objects_are_named_by_patterns_and_by_what_they_belong_to(objects):
     [
         ("friction", "'geoms of rock'", "body 'rock' has no geom"),
         ("friction", "'geoms of forarm'", "no body 'forarm' in the model; did you mean 'forearm'?"),
+        ("friction", "'geoms of hose*'", r"no body 'hose\*' in the model; (did you|there are)"),
         ("gain", "'actuator of joint 1'", "joint 'joint 1' has no actuator"),
         ("gain", "'right_*'", r"no actuator 'right_\*' in the model; (did you|there are)"),
         ("mass", "'geoms of forearm'", "no body 'geoms of forearm' in the model"),

@@ -17,6 +17,7 @@ _EXCHANGED = (
     "what moves in the film moves as camera {} sees it, and what moves in that one's film as this "
     "camera does: are their keys exchanged?"
 )
+_OR_A_SHADOW = "; or something else moves, such as a shadow"  # what stands still is the film's
 
 
 def warnings(
@@ -51,7 +52,7 @@ def warnings(
         return [
             "the film looks like another scene than the simulator's, or seen from elsewhere: "
             f"{comparison.alike:.2f} times as like it as the simulator's own worlds are to each "
-            "other"
+            f"other{_OR_A_SHADOW * film.is_plate}"
         ]
     return []
 

@@ -55,16 +55,19 @@ def _without_plays(model: mujoco.MjModel, joints: list[str]) -> list[str]:
 
 
 def _belonging(model: mujoco.MjModel, kind: str, given: str) -> list[str] | None:
-    """Names meant by "actuator of elbow" or "geoms of gripper"; None for other texts."""
+    """Names meant by "actuator of elbow" or "geoms of hose_*"; None for other texts."""
     words = re.fullmatch(rf"{kind}s? of (.+)", given)
     if not words:
         return None
     if kind == "actuator":
-        joint = _index(model, "joint", words[1])
-        ids = np.isin(model.actuator_trntype, OF_JOINTS) & (model.actuator_trnid[:, 0] == joint)
+        joints = _indices(model, "joint", words[1])
+        ids = np.isin(model.actuator_trntype, OF_JOINTS) & np.isin(
+            model.actuator_trnid[:, 0], joints
+        )
         whose = "joint"
     elif kind in _OF_BODIES:
-        ids, whose = getattr(model, _OF_BODIES[kind]) == _index(model, "body", words[1]), "body"
+        ids = np.isin(getattr(model, _OF_BODIES[kind]), _indices(model, "body", words[1]))
+        whose = "body"
     else:
         return None
     known = names_of(model, kind)
@@ -74,11 +77,16 @@ def _belonging(model: mujoco.MjModel, kind: str, given: str) -> list[str] | None
     return names
 
 
-def _index(model: mujoco.MjModel, kind: str, name: str) -> int:
+def _indices(model: mujoco.MjModel, kind: str, given: str) -> list[int]:
+    """Of the object with this name, or of those that a pattern chooses; not the world's."""
     known = names_of(model, kind)
-    if name not in known:
-        raise UnknownName(kind, name, "the model", filter(None, known))
-    return known.index(name)
+    if given in known:
+        return [known.index(given)]
+    first = int(kind == "body")
+    chosen = [i for i, name in enumerate(known) if i >= first and name and fnmatchcase(name, given)]
+    if not chosen:
+        raise UnknownName(kind, given, "the model", filter(None, known))
+    return chosen
 
 
 def find_keyframe(model: mujoco.MjModel, name: str) -> int:
