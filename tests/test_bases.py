@@ -11,6 +11,7 @@ from simtune.checking.mistakes.misread import misread
 from simtune.checking.mistakes.short_replays import ShortReplays
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.lateness import Lateness
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.observation import finds_offset
 from simtune.real.observed import observed
@@ -73,7 +74,7 @@ TRUTH = {"mass": 0.45, "gear": 0.4}
 def loop_in(folder: Path) -> OpenLoopReplay:
     task = load_task(str(folder / "tune.toml"))
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
-    return OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    return set_up_loop(simulator, seen, task.parameters.nominal)
 
 
 @pytest.fixture(scope="module")

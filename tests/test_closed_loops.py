@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from simtune.api.commands import load_task
-from simtune.fit import OpenLoopReplay, Readings, replay_whole
+from simtune.fit import Readings, replay_whole
 from simtune.fit.readings.closed_loops import ClosedLoops
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.observation import ObservationModel
 from simtune.tasks import Task
 
@@ -180,7 +181,7 @@ def test_beside_a_linkage_all_but_a_loose_box_is_known(other):
     text = LINKAGE.format(CONNECT).replace(OTHER_BODY, other).replace("</worldbody>", BOX)
     task = task_of(text)
     seen = ObservationModel.of_simulator(task.sensors)
-    loop = OpenLoopReplay.of(task.simulator(image_size=16), seen, task.parameters.nominal)
+    loop = set_up_loop(task.simulator(image_size=16), seen, task.parameters.nominal)
     assert loop.measured.knows_all_but_objects == (not other)
 
 
@@ -209,7 +210,7 @@ def test_a_replay_goes_on_as_the_real_linkage_does():
     start = task.parameters.nominal
     unit = task.parameters.to_unit(start)
     observation = ObservationModel.of_simulator(task.sensors)
-    loop = OpenLoopReplay.of(task.simulator(image_size=16), observation, start)
+    loop = set_up_loop(task.simulator(image_size=16), observation, start)
     angles = recorded(uneven, actions)
     assert np.ptp(angles) > 0.3
     readings = Readings(actions[None], angles[None, :, None])

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from simtune.budget import Budget
-from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit import Guess, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.segments import Segments
 from simtune.real.observed import observed
 from simtune.tasks import load_task
@@ -72,7 +73,7 @@ def flown(folder: Path) -> tuple[OutputErrorMethod, Readings, np.ndarray]:
     )[..., :3]
     readings = Readings(actions, places + NOISE * rng.normal(size=places.shape))
     seen, unit = observed(task, None, is_simulated=False), task.parameters.to_unit(nominal)
-    loop = OpenLoopReplay.of(simulator, seen, nominal)
+    loop = set_up_loop(simulator, seen, nominal)
     return OutputErrorMethod(loop, np.zeros(3, bool), unit), readings, unit
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from keypoint_evidence import tracks_at
 
-from simtune.fit import JointMotion, Observed, OpenLoopReplay, Physics, left_open
+from simtune.fit import JointMotion, Observed, Physics, left_open
 from simtune.fit.motion.shooting import Shooting, ShootingFit
 from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.readings.joint_motion import (
@@ -17,6 +17,7 @@ from simtune.fit.readings.joint_motion import (
     told_offsets,
     without_readings,
 )
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.observation import AllEvidence, ObservationModel, finds_offset
 from simtune.tasks import Task, load_task
 from simtune.vision.keypoints import Keypoints, every_keypoint
@@ -96,7 +97,7 @@ def pushed(folder: Path, seed: int) -> SimpleNamespace:
     tracks = tracks_at(points + 0.3 * rng.normal(size=points.shape), noise_px=0.3)
     evidence = AllEvidence((tracks, task.sensors[0].evidence(readings)))
     observed = Observed(evidence, swing[..., None])
-    loop = OpenLoopReplay.of(simulator, seen, space.nominal)
+    loop = set_up_loop(simulator, seen, space.nominal)
     physics = Physics(simulator, pixels, played.states[0, 0])
     states = physics.states(played.states)
     assert (np.ptp(states[..., 1], axis=1) > 0.02).sum() >= 3  # boxes are moved
@@ -237,7 +238,7 @@ def test_keypoints_are_of_what_readings_leave_open(tmp_path, text, bodies):
     seen, nominal = ObservationModel.of_reality(task.sensors), task.parameters.nominal
     keypoints = every_keypoint(simulator)
     assert isinstance(keypoints, Keypoints)
-    kept = left_open(OpenLoopReplay.of(simulator, seen, nominal), keypoints, nominal)
+    kept = left_open(set_up_loop(simulator, seen, nominal), keypoints, nominal)
     model = simulator.model
     of = model.geom_bodyid[keypoints.geoms[kept]]
     assert {model.body(body).name for body in of} == bodies
@@ -260,7 +261,7 @@ def test_a_block_that_glides_on_a_body_that_never_moves(tmp_path):
     (tmp_path / "tune.toml").write_text(text.replace("[initial_state]", f"{CAMERA}[initial_state]"))
     task = load_task(str(tmp_path / "tune.toml"))
     simulator, nominal = task.simulator(image_size=32), task.parameters.nominal
-    loop = OpenLoopReplay.of(simulator, ObservationModel.of_reality(task.sensors), nominal)
+    loop = set_up_loop(simulator, ObservationModel.of_reality(task.sensors), nominal)
     model = loop.physics.simulator.model
     may_touch = {model.geom(geom).name for geom in np.flatnonzero(model.geom_contype)}
     assert {"top", "pad"} <= may_touch
@@ -295,7 +296,7 @@ def test_a_lid_that_nobody_reads_is_not_known(lid: str, known: bool, tmp_path: P
     (tmp_path / "tune.toml").write_text(TUNE)
     task = load_task(str(tmp_path / "tune.toml"))
     seen = ObservationModel.of_simulator(task.sensors)
-    loop = OpenLoopReplay.of(task.simulator(image_size=16), seen, task.parameters.nominal)
+    loop = set_up_loop(task.simulator(image_size=16), seen, task.parameters.nominal)
     assert loop.unseen == ()
     assert loop.measured.is_loose.any()
     assert loop.measured.knows_all_but_objects is known

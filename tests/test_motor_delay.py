@@ -7,7 +7,8 @@ import numpy as np
 
 from simtune.before_after.readings import Tuned, replay
 from simtune.evaluation.replay import better_in
-from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit import Readings
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.whole_episodes import replay_whole
 from simtune.real.observed import observed
 from simtune.tasks import Task, load_task
@@ -66,7 +67,7 @@ def test_a_late_motor_is_replayed_from_where_its_commands_take_effect(tmp_path):
     task, (actions, values) = write(tmp_path), late_wheel()
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
     late = Readings(actions, values).delayed(LATE)
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    loop = set_up_loop(simulator, seen, task.parameters.nominal)
     unit = task.parameters.to_unit(task.parameters.nominal)
     left = replay_whole(loop, late, unit, np.zeros(1)) - late.values
     assert np.isfinite(left).sum() == STEPS + 1 - LATE

@@ -12,8 +12,9 @@ from servo_arm import write_arm
 from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
-from simtune.fit import Guess, Lateness, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit import Guess, Lateness, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.readings.differences import DifferencePoint, differentiate, refresh
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.slopes import Groups
 from simtune.observation import JointSensor, ObservationModel, finds_offset
@@ -41,7 +42,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     experiment = build_experiment(config)
     context, space = experiment.context, experiment.space
     assert isinstance(context.simulator, Simulator)
-    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
+    loop = set_up_loop(context.simulator, context.observation, context.start)
     readings = Readings.of(experiment.recordings, loop.sensors)
     start, truth = space.to_unit(context.start), space.to_unit(space.from_dict(TRUTH))
     fit = OutputErrorMethod(loop, finds_offset(loop.sensors), start)
@@ -191,7 +192,7 @@ def test_an_unknown_offset_makes_a_servo_that_sags_uncertain(tmp_path):
     worlds = np.repeat(truth[None], 4, 0)
     played = simulator.roll_out(worlds, commands, rng, seen.observe_beside())
     readings = Readings(commands, seen.readings(played.observed, rng)["encoders"] + 0.03)
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    loop = set_up_loop(simulator, seen, task.parameters.nominal)
     fit = OutputErrorMethod(
         loop, np.array([True]), task.parameters.to_unit(task.parameters.nominal)
     )

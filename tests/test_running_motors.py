@@ -15,6 +15,7 @@ from simtune.fit import (
     recorded_loop,
     replay_whole,
 )
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.real.observed import observed
 from simtune.tasks import load_task
 
@@ -65,7 +66,7 @@ def test_a_motor_that_lags_ran_before_if_first_readings_say_so(
     heights = simulator.state_space.positions_and_velocities(played.states)[..., :1]
     heights = heights + 1e-4 * rng.normal(size=heights.shape)
     unit = task.parameters.to_unit(world)
-    off = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    off = set_up_loop(simulator, seen, task.parameters.nominal)
 
     def astray(loop: OpenLoopReplay, readings: Readings) -> float:
         return np.abs(replay_whole(loop, readings, unit, np.zeros(1)) - readings.values).max()
@@ -93,7 +94,7 @@ def test_moments_that_follow_from_what_acted_before_are_left_out(tmp_path: Path,
     readings, unit = Readings(actions, heights), task.parameters.to_unit(nominal)
     guess = Guess(unit, np.zeros(1))
     for its, first in ((simulator, 0), (simulator.with_running_motors(), 15)):
-        loop = OpenLoopReplay.of(its, seen, nominal)
+        loop = set_up_loop(its, seen, nominal)
         method = OutputErrorMethod(loop, np.zeros(1, bool), unit)
         followed = method.follow(readings, guess)
         assert followed.begin.min() >= first

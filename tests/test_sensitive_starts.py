@@ -10,6 +10,7 @@ from simtune.checking.check import check
 from simtune.config import CheckConfig
 from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.growth import follow, growth
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.sensitivity import ReplayedReadings
 from simtune.real.observed import observed
@@ -68,7 +69,7 @@ def test_an_error_of_a_start_grows_as_the_equation_of_motion_says(tmp_path, heig
 def test_what_flies_away_has_grown_without_end_and_no_overflow_is_told_of(tmp_path, monkeypatch):
     task = pole(tmp_path, 1.0, 20)
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    loop = set_up_loop(simulator, seen, task.parameters.nominal)
     unit = task.parameters.to_unit(task.parameters.nominal)
     upright = Readings(np.zeros((1, 20, 1)), np.zeros((1, 21, 1)))
     whole = loop.states_of(upright, unit, np.zeros(1)).cut(Segments.evenly(upright))
@@ -108,7 +109,7 @@ def test_an_episode_is_followed_while_errors_grow_less_than_ten_times(tmp_path, 
     """cosh(RATE t) is 10 after .956 s, between steps 19 and 20."""
     task = pole(tmp_path, height, 60)
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    loop = set_up_loop(simulator, seen, task.parameters.nominal)
     upright = Readings(np.zeros((2, 60, 1)), np.zeros((2, 61, 1)))
     unit = task.parameters.to_unit(task.parameters.nominal)
     found = follow(loop, loop.states_of(upright, unit, np.zeros(1)), unit)
@@ -121,7 +122,7 @@ def test_all_of_a_long_episode_is_followed(tmp_path):
     steps = 20 * 19
     task = pole(tmp_path, 1.0, steps)
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    loop = set_up_loop(simulator, seen, task.parameters.nominal)
     upright = Readings(np.zeros((1, steps, 1)), np.zeros((1, steps + 1, 1)))
     unit = task.parameters.to_unit(task.parameters.nominal)
     found = follow(loop, loop.states_of(upright, unit, np.zeros(1)), unit)

@@ -7,8 +7,9 @@ import pytest
 from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
-from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit import Readings
 from simtune.fit.readings.growth import MUCH, follow, growth
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.stretches import Stretches
 from simtune.simulation import Simulator
@@ -83,7 +84,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
 def test_what_is_followed_stays_near_what_was_read(experiment: Experiment):
     context, space = experiment.context, experiment.space
     assert isinstance(context.simulator, Simulator)
-    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
+    loop = set_up_loop(context.simulator, context.observation, context.start)
     readings = Readings.of(experiment.recordings, loop.sensors)
     unit, zero = space.to_unit(space.from_dict({"kp": KP, "kv": KV})), np.zeros(2)
 

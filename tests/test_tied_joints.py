@@ -9,6 +9,7 @@ import pytest
 from simtune.api.commands import load_task as load_declared
 from simtune.fit import OpenLoopReplay, Readings, replay_whole
 from simtune.fit.readings.differences import DifferencePoint, differentiate
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.stretches import Stretches
 from simtune.fit.readings.tied_joints import follow_measured
 from simtune.observation import ObservationModel
@@ -111,7 +112,7 @@ objects = "left"
         task = load_task(str(tmp_path / "tune.toml"))
         simulator, start = task.simulator(image_size=16), task.parameters.nominal
         observation = ObservationModel.of_simulator(task.sensors)
-        return OpenLoopReplay.of(simulator, observation, start), task.parameters.to_unit(start)
+        return set_up_loop(simulator, observation, start), task.parameters.to_unit(start)
 
     return read
 
@@ -185,7 +186,7 @@ def test_a_world_begins_as_its_own_tie_says(parameter, truth):
     )
     simulator = task.simulator(image_size=16)
     observation = ObservationModel.of_simulator(task.sensors)
-    loop = OpenLoopReplay.of(simulator, observation, task.parameters.nominal)
+    loop = set_up_loop(simulator, observation, task.parameters.nominal)
     units = task.parameters.to_unit(np.array([task.parameters.nominal, [truth]]))
     readings = Readings(actions[None, :, None], angles[None, :, :1])
     some = loop.cut(readings, units[1], np.zeros(1), 8)

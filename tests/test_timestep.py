@@ -8,7 +8,6 @@ from simtune.budget import Budget
 from simtune.fit import (
     Descent,
     Guess,
-    OpenLoopReplay,
     OutputErrorFit,
     OutputErrorMethod,
     Readings,
@@ -16,6 +15,7 @@ from simtune.fit import (
     timestep_warning,
 )
 from simtune.fit.readings.differences import differentiate
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.timestep import change_by_timestep
 from simtune.parameters import ParameterSpace
 from simtune.real.observed import observed
@@ -83,7 +83,7 @@ def method_of(folder, simulator: Simulator, is_simulated: bool = False) -> Outpu
     """With the truth as first guess."""
     task = load_task(str(folder / "tune.toml"))
     seen = observed(task, None, is_simulated=is_simulated)
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    loop = set_up_loop(simulator, seen, task.parameters.nominal)
     space = loop.physics.parameters
     return OutputErrorMethod(loop, np.zeros(1, bool), space.to_unit(space.nominal))
 

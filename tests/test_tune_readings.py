@@ -30,7 +30,6 @@ from simtune.evaluation.table import table
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import (
     Guess,
-    OpenLoopReplay,
     OutputErrorFit,
     OutputErrorMethod,
     Readings,
@@ -38,6 +37,7 @@ from simtune.fit import (
 )
 from simtune.fit.elimination import NormalEquations
 from simtune.fit.readings.differences import DifferencePoint, differentiate
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, dynamics
@@ -128,7 +128,7 @@ def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path
     experiment = pseudo(arm, None, tmp_path / "run")
     context, names = experiment.context, experiment.space.names
     assert isinstance(context.simulator, Simulator)
-    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
+    loop = set_up_loop(context.simulator, context.observation, context.start)
     readings = Readings.of(experiment.recordings, loop.sensors)
     unit, whole = experiment.space.to_unit(context.start), readings.actions.shape[1]
     stretches = loop.cut(readings, unit, np.zeros(2), whole, 9)
@@ -179,7 +179,7 @@ def test_a_single_episode_is_as_unsure_as_leaving_out_its_parts_shows(
     one, other = first.actions[None, :30].astype(float), first.actions[None, 30:].astype(float)
     begun = context.simulator.roll_out(real[None], one, rng, see)
     ended = context.simulator.roll_out(others[None], other, rng, see, begun.states[:, -1])
-    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
+    loop = set_up_loop(context.simulator, context.observation, context.start)
     readings = Readings.of([first], loop.sensors)
     readings.values[:] = np.concatenate([begun.observed, ended.observed[:, 1:]], 1)
     readings.values[:] += 0.002 * rng.normal(size=readings.values.shape)
@@ -546,7 +546,7 @@ def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
     )
     mjcf.write_text(mjcf.read_text().replace("</worldbody>", f"{box}</worldbody>"))
     context = build_experiment(TuneConfig(task=str(tuning_file), out=tmp_path / "run")).context
-    loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
+    loop = set_up_loop(context.simulator, context.observation, context.start)
     assert loop.physics.some_state[2] > 100  # m, and the arm is a metre long
 
 

@@ -11,6 +11,7 @@ import pytest
 from simtune.budget import Budget
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.readings.differences import DifferencePoint, _unless_exploded, differentiate
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.segments import Segments
 from simtune.real.observed import observed
 from simtune.tasks import load_task
@@ -55,7 +56,7 @@ def loop_of(folder: Path, scene: str, tune: str) -> OpenLoopReplay:
     (folder / "tune.toml").write_text(tune)
     task = load_task(str(folder / "tune.toml"))
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
-    return OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    return set_up_loop(simulator, seen, task.parameters.nominal)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from simtune.fit import OpenLoopReplay, Readings
+from simtune.fit import Readings
+from simtune.fit.readings.loop_setup import set_up_loop, where_starts_show
 from simtune.real.observed import observed
 from simtune.tasks import load_task
 
@@ -64,11 +65,13 @@ def unseen_at(folder: Path, speed: float, box: str = ANYWHERE, turn: str = "") -
     (folder / "tune.toml").write_text(tune)
     task = load_task(str(folder / "tune.toml"))
     simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=False)
-    loop = OpenLoopReplay.of(simulator, seen, task.parameters.nominal)
+    loop = set_up_loop(simulator, seen, task.parameters.nominal)
     assert loop.unseen == ("root",)  # the box is not where the robot is
     read = np.repeat(speed * STEP_S * np.arange(STEPS + 1)[None, :, None], 2, 2)
     readings = Readings(np.full((1, STEPS, 2), 6.0), read)
-    return loop.where_starts_show(readings, task.parameters.to_unit(task.parameters.nominal)).unseen
+    return where_starts_show(
+        loop, readings, task.parameters.to_unit(task.parameters.nominal)
+    ).unseen
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from simtune.budget import Budget
-from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit import Guess, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.readings.differences import DifferencePoint, differentiate
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.weak_directions import sharpened
 from simtune.real.observed import observed
 from simtune.tasks import load_task
@@ -54,7 +55,7 @@ def fitted(
     played = simulator.roll_out(np.tile(nominal, (3, 1)), actions, rng)
     angles = simulator.state_space.positions_and_velocities(played.states)[..., :1]
     readings = Readings(actions, angles + 1e-4 * rng.normal(size=angles.shape))
-    loop, unit = OpenLoopReplay.of(simulator, seen, nominal), task.parameters.to_unit(nominal)
+    loop, unit = set_up_loop(simulator, seen, nominal), task.parameters.to_unit(nominal)
     return OutputErrorMethod(loop, np.zeros(1, bool), unit), readings, unit
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from simtune.fit import OpenLoopReplay, Readings, replay_whole
+from simtune.fit import Readings, replay_whole
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.stretches import moving_from_the_start, unread_rows
 from simtune.observation import ObservationModel
 from simtune.tasks import load_task
@@ -44,7 +45,7 @@ def swung(tmp_path_factory):
     pushes = rng.uniform(-0.6, 0.6, (4, 12, 1)).repeat(5, 1)
     played = simulator.roll_out(np.tile(start, (4, 1)), pushes, rng, observation.observe_beside())
     read = played.observed + NOISE_RAD * rng.normal(size=played.observed.shape)
-    loop = OpenLoopReplay.of(simulator, observation, start)
+    loop = set_up_loop(simulator, observation, start)
     return loop, task.parameters.to_unit(start), Readings(pushes[:, 18:], read[:, 18:])
 
 

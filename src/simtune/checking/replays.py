@@ -7,7 +7,7 @@ import numpy as np
 from simtune.checking.open_loops import loops_left_open
 from simtune.checking.replayed_contacts import Touching, touching
 from simtune.checking.unsettled_starts import free_bases, unsettled
-from simtune.fit import Readings, recorded_loop
+from simtune.fit import Readings, recorded_loop, where_starts_show
 from simtune.fit.readings.sensitivity import LONGEST_S
 from simtune.fit.sensitivity import where_analyzed
 from simtune.observation import ObservationModel, joints_of
@@ -30,7 +30,7 @@ class RecordedReplays:
         self._readings = Readings.of(trajectories, joints_of(seen.sensors))
         loop = recorded_loop(simulator, seen, nominal, self._readings)
         self._unit, self._names = simulator.space.to_unit(nominal), names
-        self._loop = loop.where_starts_show(self._readings, self._unit)
+        self._loop = where_starts_show(loop, self._readings, self._unit)
         # Readings alone are not replayed if pictures must say where a robot begins
         self._are_used = not (self._loop.unseen and seen.cameras)
 

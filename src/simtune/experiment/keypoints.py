@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from simtune.fit import OpenLoopReplay, left_open
+from simtune.fit import left_open, set_up_loop
 from simtune.observation import ObservationModel, joints_of
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, Points
@@ -29,6 +29,6 @@ def keypoints_of_run(
     if state is not None:
         return points.with_state(state["keypoints"])
     if isinstance(points, Keypoints) and seen and joints_of(seen.sensors):
-        loop = OpenLoopReplay.of(simulator, seen, nominal)
+        loop = set_up_loop(simulator, seen, nominal)
         points = points.select(np.flatnonzero(left_open(loop, points, nominal)).tolist())
     return find_keypoints(simulator, Distribution.first(task.parameters, nominal), seed, points)

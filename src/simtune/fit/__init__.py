@@ -27,6 +27,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.pictures.response import Photometry
 from simtune.fit.readings.descent import Descent
 from simtune.fit.readings.joint_motion import JointMotion, left_open
+from simtune.fit.readings.loop_setup import set_up_loop, where_starts_show
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.output_error import OutputErrorMethod, ReplayStage
 from simtune.fit.readings.output_error_fit import OutputErrorFit
@@ -83,7 +84,9 @@ __all__ = [
     "recorded_loop",
     "replay_whole",
     "run_bootstrap",
+    "set_up_loop",
     "states_in_late_pictures",
     "timestep_warning",
     "to_range_units",
+    "where_starts_show",
 ]

@@ -19,7 +19,7 @@ import numpy as np
 from simtune.checking.mistakes.changes import Change, changes
 from simtune.checking.mistakes.dead import dead_encoders
 from simtune.checking.mistakes.short_replays import FEW_PIECES, PIECE_S, ShortReplays
-from simtune.fit import Readings, recorded_loop
+from simtune.fit import Readings, recorded_loop, where_starts_show
 from simtune.fit.readings.sensitivity import LONGEST_S, MOST_EPISODES
 from simtune.fit.sensitivity import where_analyzed
 from simtune.observation import ObservationModel, joints_of
@@ -48,7 +48,7 @@ def misread(readings: Readings, simulator: Simulator, observation: ObservationMo
     readings = Readings(readings.actions[few, :steps], readings.values[few, : steps + 1])
     loop = recorded_loop(simulator, observation, nominal, readings)
     unit = simulator.space.to_unit(nominal)
-    if loop.where_starts_show(readings, unit).unseen:
+    if where_starts_show(loop, readings, unit).unseen:
         return []
     if loop.measured.bases:  # which stand: no zero is so far off that they lie or hang
         tried = [change for change in tried if (np.abs(change.shift) < _LYING).all()]

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from simtune.fit.lateness import Lateness
-from simtune.fit.physics import Physics, is_lost
+from simtune.fit.physics import Physics
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.parts import parts_to_play
 from simtune.fit.readings.read_states import ReadStates
@@ -21,17 +21,8 @@ from simtune.fit.readings.stretches import Readings, Stretches
 from simtune.fit.readings.unmeasured import carried, play_in_turn
 from simtune.observation import (
     JointSensor,
-    ObservationModel,
-    assumed_noise,
-    joints_of,
-    measured_places,
 )
-from simtune.simulation import AnySimulator, Simulator
-from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
-_FAR_AWAY = 1e3  # in units of the model's extent
-_FEW = 3  # episodes
-_LITTLE = 0.02  # of how far readings travel
 _LOOKS_PER_STEP = 4  # for contacts: an impact may be over within a step
 
 
@@ -101,63 +92,6 @@ class OpenLoopReplay:
         often = min(_LOOKS_PER_STEP, self.physics.simulator.num_substeps)
         left = stretches.actuator_states
         return bool(counting.play(states, units, stretches.actions, left, often)[1].any())
-
-    @classmethod
-    def of(
-        cls, simulator: AnySimulator, observation: ObservationModel, start: np.ndarray
-    ) -> "OpenLoopReplay":
-        """Replays readings in a simulator; `start`: (N,) parameters of an initial world.
-
-        Positions that no sensor measures begin as in a simulated episode of that world; but objects
-        that begin anywhere are put where nothing touches them, or touch nothing. Derivatives are by
-        parameters that affect motion.
-        """
-        assert isinstance(simulator, Simulator), "sensors measure a model's joints"
-        still, rng = np.zeros((2, 1, simulator.num_actions)), np.random.default_rng(0)
-        begun = simulator.roll_out(np.repeat(start[None], 2, 0), still, rng, keep_diverged=True)
-        sensors, space = joints_of(observation.sensors), simulator.state_space
-        state, another = space.positions_and_velocities(begun.states[:, 0])
-        differs, model, untouched = state != another, simulator.model, list[int]()
-        for number, joint in enumerate(loose_joints(model).tolist()):
-            place = model.jnt_qposadr[joint]
-            if differs[place : place + 3].any():
-                state[place] += (1 + number) * _FAR_AWAY * model.stat.extent
-                untouched.append(joint)
-        full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
-        places = measured_places(sensors)
-        gliding = gliding_joints(model, places)
-        if differs[model.jnt_qposadr[gliding]].any():
-            trees = model.body_treeid[model.jnt_bodyid[gliding]]
-            simulator = simulator.without_contacts(np.isin(model.body_treeid, trees))
-            untouched += gliding.tolist()
-        physics = Physics(simulator, observation.observe_beside(), full_state)
-        measured = MeasuredStates(physics, sensors, untouched)
-        is_known = np.pad(measured.is_loose_position, (0, model.nv), constant_values=True)
-        is_known[places] = True
-        fitted = np.flatnonzero(~simulator.space.is_appearance)
-        elsewhere = np.where(differs & ~is_known, another, np.nan)
-        return cls(measured, fitted, is_simulated=observation.is_simulated, elsewhere=elsewhere)
-
-    def where_starts_show(self, readings: Readings, unit: np.ndarray) -> "OpenLoopReplay":
-        """The same, but nothing is unseen if no reading shows where it begins.
-
-        Wheels turn alike wherever on a floor their robot begins. Two such starts are played in a
-        world of (N,) `unit` coordinates; what readings show is more than their usual noise and two
-        percent of their travel: wheels differ that bounce a little, and pyramids of friction have
-        edges. If one diverges, nobody knows.
-        """
-        if self.elsewhere is None or not self.unseen:
-            return self
-        few = Readings(readings.actions[:_FEW], readings.values[:_FEW])
-        stretches = self.cut(few, unit, np.zeros(self.measured.num_readings))
-        moved = np.where(np.isnan(self.elsewhere), stretches.states, self.elsewhere)
-        moved = self.measured.bases.roll(moved, self._parameters(unit))  # another way
-        both = np.stack([stretches.states, moved])
-        predicted, _ = self.play(stretches, both, np.repeat(unit[None], 2, 0))
-        little = assumed_noise(self.sensors) + _LITTLE * stretches.travel[:, None]
-        shows = np.abs(predicted[1] - predicted[0]) > little
-        may_show = shows.any() or is_lost(predicted).any()
-        return self if may_show else replace(self, elsewhere=None)
 
     def by_starts_alone(self) -> "OpenLoopReplay":
         """The same with derivatives by initial states only."""

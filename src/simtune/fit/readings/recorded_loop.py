@@ -7,6 +7,7 @@ with motors at work, and until their lag is over a replay in which they are off 
 import numpy as np
 
 from simtune.budget import Budget
+from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.output_error import OutputErrorMethod, ReplayStage
 from simtune.fit.readings.replay_objective import Guess
@@ -26,16 +27,16 @@ _CLEARLY = 0.9
 def recorded_loop(
     simulator: AnySimulator, observation: ObservationModel, start: np.ndarray, readings: Readings
 ) -> OpenLoopReplay:
-    """`OpenLoopReplay.of`, with motors that ran before unless first readings clearly say otherwise.
+    """`set_up_loop`, with motors that ran before unless first readings clearly say otherwise.
 
     To call them running is safe: then fits leave out what depends on it (`unsettled_rows`). Not
     beside cameras, whose fits begin with motors off.
     """
-    loop = OpenLoopReplay.of(simulator, observation, start)
+    loop = set_up_loop(simulator, observation, start)
     assert isinstance(simulator, Simulator), "sensors measure a model's joints"
     if not simulator.held.motors_lag or observation.cameras:
         return loop
-    running = OpenLoopReplay.of(simulator.with_running_motors(), observation, start)
+    running = set_up_loop(simulator.with_running_motors(), observation, start)
     unit = simulator.space.to_unit(start)
     off, ran = (_left(its, readings, unit) for its in (loop, running))
     return loop if off < ran + np.log(_CLEARLY) else running

@@ -17,7 +17,14 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import FitConfig, JointMotion, OpenLoopReplay, PointEstimate, correlated_pairs
+from simtune.fit import (
+    FitConfig,
+    JointMotion,
+    OpenLoopReplay,
+    PointEstimate,
+    correlated_pairs,
+    set_up_loop,
+)
 from simtune.normal import STDS_90
 from simtune.observation import advanced, finds_offset, joints_of
 from simtune.parameters import ParameterSpace
@@ -79,7 +86,7 @@ class ReadingsEstimate:
     ) -> "ReadingsEstimate":
         """What a `search_of` readings finds."""
         context, joints = search.context, None
-        loop = OpenLoopReplay.of(context.simulator, context.observation, context.start)
+        loop = set_up_loop(context.simulator, context.observation, context.start)
         if loop.measured.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
         return cls(search.fit(real, budget), joints)

@@ -31,6 +31,7 @@ from simtune.fit import (
     OutputErrorMethod,
     Readings,
     recorded_loop,
+    where_starts_show,
 )
 from simtune.fit.readings.weak_directions import MOST_WORLDS
 from simtune.observation import finds_offset, joints_of
@@ -203,7 +204,7 @@ class ReadingsSearch(Search):
         readings = Readings.of(real, joints_of(seen.sensors))
         loop = recorded_loop(self._simulator, seen, self.context.start, readings)
         loop = loop.with_lateness() if self._may_be_late else loop
-        return readings, loop.where_starts_show(readings, self._begin(loop))
+        return readings, where_starts_show(loop, readings, self._begin(loop))
 
     def _events(self) -> list[Event]:
         why = "joint readings"
