@@ -647,6 +647,9 @@ def test_pictures_that_are_all_alike_beside_the_simulation_are_told():
     (warning,) = model_checks(off, known)
     assert "seen 1.2 px beside where it is simulated" in warning
     assert "(in the mean 0.5 px right and 1.0 px up)" in warning
+    apart = replace(a_fit(), beside=(Beside("keypoints", 4.3, 1.2, 0.01, -0.02),))
+    (warning,) = model_checks(apart, known)
+    assert "in all pictures alike (its parts to different sides)" in warning
 
 
 def test_how_far_beside_pictures_are_is_a_mean_by_how_well_each_keypoint_is_known():

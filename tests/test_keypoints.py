@@ -190,6 +190,19 @@ def test_what_a_material_hides_is_not_drawn(geom, expected):
     assert is_drawn(model).tolist() == [expected]
 
 
+def test_what_is_not_drawn_has_no_keypoints():
+    """Such as a hand's target, or the shapes that only touch."""
+    clear, touching = '<geom size=".1" rgba="0 0 0 0"/>', '<geom size=".1" group="3"/>'
+    shown = '<geom name="shown" size=".1"/>'
+    moving = (clear, touching, clear + shown + touching)
+    bodies = "".join(f'<body><joint type="slide"/>{geoms}</body>' for geoms in moving)
+    camera = '<camera name="front" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>'
+    world = f"<mujoco><worldbody>{camera}{bodies}</worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(world)
+    keypoints = candidate_keypoints(model, [View("front")], SIZE)
+    assert [model.geom(geom).name for geom in keypoints.geoms] == ["shown"]
+
+
 def test_a_sphere_has_only_its_centre():
     model = load_task("ball_in_cup").load_model()
     keypoints = candidate_keypoints(model, [View("cam0")], SIZE)

@@ -254,6 +254,7 @@ def test_a_whole_number_beyond_64_bits_is_a_number(declare):
     [
         ("<mujoco><worldbod/></mujoco>", "cannot read .*bad.xml: .*'worldbod', line 1"),
         ("hello", "cannot read .*bad.xml: XML parse error"),
+        ("<mujocoinclude/>", "cannot read .*bad.xml: it is a part that other models include"),
         (
             "<mujoco><worldbody><body name='b'><joint/></body></worldbody></mujoco>",
             "cannot compile bad.xml: .*mass and inertia of moving bodies",

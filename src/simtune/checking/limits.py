@@ -5,25 +5,32 @@ import numpy as np
 
 from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
 from simtune.simulation import Simulator
+from simtune.simulation.servos import actuator_name
 
 _AT_LIMIT = 0.02  # of a joint's range, since limits are soft
 _NEARLY_ALWAYS = 0.8  # of all steps
+_MOST_TURN = 4 * np.pi  # rad: a range of more is in degrees, as its file has it
 
 
 def joints_at_limits(simulator: Simulator, states: np.ndarray) -> list[str]:
-    """A sentence for each driven joint that is at its limits in nearly all (E, T + 1, S) states."""
+    """A sentence for each joint that actions drive, and that is at its limits nearly always.
+
+    In (E, T + 1, S) states. What no action drives, such as a gripper that is held shut, may be.
+    """
     model = simulator.model
     positions = simulator.state_space.positions_and_velocities(states)
     return [
         _says(model, joint, share)
-        for joint in _driven(model)
+        for joint in _driven(simulator)
         if (share := _share_at_limit(model, joint, positions)) > _NEARLY_ALWAYS
     ]
 
 
-def _driven(model: mujoco.MjModel) -> list[int]:
-    """Hinges and slides with limits that an actuator acts on."""
+def _driven(simulator: Simulator) -> list[int]:
+    """Hinges and slides with limits that an actuator acts on, as actions say."""
+    model, names = simulator.model, simulator.action_mapping.names
     of_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    of_joints &= [actuator_name(model, i) in names for i in range(model.nactuator)]
     return [
         joint
         for joint in np.unique(model.actuator_trnid[of_joints, 0]).tolist()
@@ -43,7 +50,8 @@ def _says(model: mujoco.MjModel, joint: int, share: float) -> str:
     low, high = model.jnt_range[joint]
     is_hinge = model.jnt_type[joint] == HINGE
     unit = "rad" if is_hinge else "m"
-    doubt = "; is its range in degrees where radians are meant?" if is_hinge else ""
+    may_be_radians = is_hinge and np.rad2deg(high - low) < _MOST_TURN
+    doubt = "; is its range in degrees where radians are meant?" * bool(may_be_radians)
     name = model.joint(joint).name or joint
     return (
         f"joint {name} is at its limits, {low:.3g} to {high:.3g} {unit}, in {share:.0%} of the "

@@ -107,5 +107,9 @@ def why_not_tunable(field: Field, model: mujoco.MjModel, rows: np.ndarray, name:
     if limit and not getattr(model, field.name.replace("range", "limited"))[rows].item():
         return f'{name} has no limit: give it a range in the model ({limit}="...")'
     if field.is_lag and model.actuator_dyntype[rows].item() not in FOLLOWS:
-        return f"{name} has dynamics of its own (dyntype), so it can have no lag"
+        return (
+            f"{name} has dynamics of its own (dyntype), so it can have no lag; tune its constants: "
+            'field = "actuator_dynprm" with a component, 0 and 1 for a muscle\'s activation and '
+            "deactivation"
+        )
     return ""

@@ -97,12 +97,13 @@ def _project(seen: np.ndarray, focal_length_px: np.ndarray, width: int, height: 
 def candidate_keypoints(model: mujoco.MjModel, seen: Sequence[View], height: int) -> Keypoints:
     """The centre and, where it has some, the two ends of every geom that moves before a camera.
 
-    For each view in turn, in pictures with a height of `height` pixels.
+    Only of geoms that are drawn: nothing shows where others are. For each view in turn, in pictures
+    with a height of `height` pixels.
     """
     cameras = np.array([model.camera(view.camera).id for view in seen], int)
     geoms, offsets, views = [], [], []
     for view, camera in enumerate(cameras):
-        shown = moves_before(model, camera)
+        shown = is_drawn(model) & moves_before(model, camera)
         if seen[view].background_is_unknown:  # what stands still in the world is not drawn
             shown &= ~stands_still(model)
         for geom in np.flatnonzero(shown).tolist():

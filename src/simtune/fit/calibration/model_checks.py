@@ -39,10 +39,11 @@ _NO_CAMERA = (
 )
 
 _FAR_BESIDE = 2.5  # standard deviations; a camera that is right has 1, one 2 px off had 4
+_ONE_WAY = 0.2  # of that distance, that its mean is at least if parts do not differ
 _BESIDE = (
-    "What moves is seen {:.1f} px beside where it is simulated, in all pictures alike (in the mean "
-    "{:.1f} px {} and {:.1f} px {}). So does a camera that stands, looks or zooms otherwise than "
-    "the model's, or a part of another shape. Estimates allow for it, but are surer without: "
+    "What moves is seen {:.1f} px beside where it is simulated, in all pictures alike ({}). So "
+    "does a camera that stands, looks or zooms otherwise than the model's, or a part of another "
+    "shape. Estimates allow for it, but are surer without: "
     "declare what may be wrong (kinds camera_pose, field_of_view, size)."
 )
 
@@ -71,9 +72,11 @@ def _beside(fit: FitResult) -> list[str]:
     if not far:
         return []
     most = max(far, key=lambda its: its.stds)
-    across = abs(most.right), "right" if most.right > 0 else "left"
-    along = abs(most.down), "down" if most.down > 0 else "up"
-    return [_BESIDE.format(most.px, *across, *along)]
+    across = f"{abs(most.right):.1f} px {'right' if most.right > 0 else 'left'}"
+    along = f"{abs(most.down):.1f} px {'down' if most.down > 0 else 'up'}"
+    is_one_way = max(abs(most.right), abs(most.down)) > _ONE_WAY * most.px
+    mean = f"in the mean {across} and {along}" if is_one_way else "its parts to different sides"
+    return [_BESIDE.format(most.px, mean)]
 
 
 def _of_camera(fit: FitResult) -> list[str]:

@@ -15,6 +15,8 @@ from simtune.tasks.tuning_file.name_all import name_all
 from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.tasks.tuning_file.urdf import find_packages, read_urdf
 
+_PART = "mujocoinclude"  # the element of an included file
+
 
 def read_model(file: TomlTable) -> mujoco.MjSpec:
     """The model that the tuning file names, relative to its folder; all objects get names.
@@ -77,6 +79,8 @@ def _read(file: TomlTable, path: Path) -> mujoco.MjSpec:
 def _why(error: ValueError, folders: Iterable[Path]) -> str:
     """MuJoCo's message, with the folders it searched if it found no file."""
     said = one_line(error)
+    if _PART in said:
+        return "it is a part that other models include: give one of those"
     if "opening file" not in said:
         return said
     looked = ", ".join(dict.fromkeys(map(str, folders)))
