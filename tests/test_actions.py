@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
+from simtune.checking.welds import turning_welds
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, ParameterSpace, dynamics
 from simtune.simulation import (
@@ -307,6 +308,17 @@ class TestMocap:
             np.full((2, 1), 0.01), actions, np.random.default_rng(0), held.place
         ).observed
         np.testing.assert_allclose(np.diff(places, axis=1), 0.02 * actions, atol=5e-4)
+
+    @pytest.mark.parametrize("weld", WELDS)
+    def test_a_weld_that_turns_the_hand_at_once_is_told(self, weld):
+        """By the mocap body's own 2 asin 0.6, where a relpose says that the hand has none."""
+        mapping = partial(MocapActions, body="target")
+        scaled = WELDS[weld].replace("relpose", 'torquescale="0.5" relpose')
+        said = turning_welds(simulator_of(HAND.format(weld=scaled), mapping), seed=0)
+        told = "the weld of target turns hand by 1.3 rad (74°) from how episodes begin"
+        assert [told in its for its in said] == [True] * (weld == "anchored")
+        direct = simulator_of(HAND.format(weld=WELDS[weld]))
+        assert turning_welds(direct, seed=0) == []
 
     @pytest.mark.parametrize("weld", WELDS)
     def test_as_a_plain_loop(self, weld):

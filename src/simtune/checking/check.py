@@ -17,6 +17,7 @@ from simtune.checking.readings import reading_changes
 from simtune.checking.recorded import Given, of_recordings
 from simtune.checking.recording_warnings import too_short
 from simtune.checking.replays import RecordedReplays
+from simtune.checking.welds import turning_welds
 from simtune.config import CheckConfig
 from simtune.errors import InputError
 from simtune.fit.readings.sensitivity import ReadingChanges
@@ -56,7 +57,8 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
     hidden = out_of_sight(simulator, config.seed)
     reasons = unfelt_frictions(simulator, states) | hidden
     concluded = conclude(task.parameters, sensitivity, reasons)
-    warnings = joints_at_limits(simulator, states) + elsewhere_warnings(
+    warnings = [*joints_at_limits(simulator, states), *turning_welds(simulator, config.seed)]
+    warnings += elsewhere_warnings(
         simulator,
         states,
         hidden,

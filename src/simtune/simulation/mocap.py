@@ -43,7 +43,7 @@ class MocapActions(ActionMapping):
         """
         if not axes or len(set(axes)) < len(axes) or not set(axes) <= set(_AXES):
             raise InputError(f"axes must be some of x, y and z, each once, got {axes!r}")
-        self._held = find_held(model, body)
+        self.held = find_held(model, body)
         self._axes = [_AXES.index(axis) for axis in axes]
         self.metres_per_unit = metres_per_unit
         self.names = tuple(f"{body} {axis}" for axis in axes)
@@ -54,16 +54,16 @@ class MocapActions(ActionMapping):
 
     def settle(self, batch: Batch) -> None:
         """Move the mocap body to what it holds, which it would else pull away from its start."""
-        self._held.compute(batch)
-        place = self._held.place(batch)[:, self._axes]
-        batch.mocap_pos[:, self._held.mocap, self._axes] = place
+        self.held.compute(batch)
+        place = self.held.place(batch)[:, self._axes]
+        batch.mocap_pos[:, self.held.mocap, self._axes] = place
         batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
 
     def apply(self, batch: Batch, actions: np.ndarray) -> np.ndarray:
         """See `ActionMapping`; the mocap body moves at once, controls stay."""
         step_m = self.metres_per_unit * np.clip(actions, *self.range.T)
-        target = self._held.place(batch)[:, self._axes] + step_m
-        batch.mocap_pos[:, self._held.mocap, self._axes] = np.clip(target, *self._workspace.T)
+        target = self.held.place(batch)[:, self._axes] + step_m
+        batch.mocap_pos[:, self.held.mocap, self._axes] = np.clip(target, *self._workspace.T)
         return batch.ctrl.copy()
 
 
@@ -71,6 +71,7 @@ class MocapActions(ActionMapping):
 class Held:
     """A mocap body's weld: a point of another body that is pulled to a point of its own."""
 
+    equality: int  # the weld
     mocap: int  # index among the mocap bodies
     mocap_body: int
     mocap_point: np.ndarray  # (3,) in the mocap body's frame, m
@@ -109,7 +110,7 @@ def find_held(model: mujoco.MjModel, name: str) -> Held:
             for (body, point), (other, other_point) in (ends, ends[::-1]):
                 if body == names[name]:
                     mocap = int(model.body_mocapid[body])
-                    return Held(mocap, body, point, other, other_point)
+                    return Held(equality, mocap, body, point, other, other_point)
     raise InputError(f"nothing is welded to mocap body {name!r}: add a <weld> to <equality>")
 
 
