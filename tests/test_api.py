@@ -294,7 +294,7 @@ def test_a_robot_films_nothing_for_a_check_with_a_wrong_option():
 def test_check_finds_a_camera_pose(tmp_path, monkeypatch):
     camera = {"camera": "top", "frames": 9, "warnings": ["far off"], "parameters": {}}
     camera["is_found"] = False
-    monkeypatch.setattr("simtune.checking.command.find_camera_pose", lambda *a: camera)
+    monkeypatch.setattr("simtune.camera_pose.find_camera_pose", lambda *a: camera)
     found = simtune.check("cartpole", real=tmp_path, camera_pose=str(tmp_path / "camera.toml"))
     assert found == camera
     told = repr(found).splitlines()
