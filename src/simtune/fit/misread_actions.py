@@ -46,12 +46,12 @@ def misread_actions(
         best, other = fits[number], tried[number - 1]
         observed = replace(observed, actions=other.of(observed.actions))
         found.append(other)
-    if not found:
+    nearer = np.divide(first.distances, best.distances)
+    if not found or not np.isfinite(nearer).any():  # of nothing that is surely seen
         return []
     says = ", and ".join(other.says for other in found)
-    pushes = np.prod([other.push for other in found], 0)
-    nearer = float(np.nanmax(np.divide(first.distances, best.distances)))
-    return [_SAID.format(says + _MIRRORED * bool((pushes < 0).all()), nearer)]
+    is_mirrored = (np.prod([other.push for other in found], 0) < 0).all()
+    return [_SAID.format(says + _MIRRORED * bool(is_mirrored), np.nanmax(nearer))]
 
 
 def _fit(
