@@ -1,6 +1,7 @@
 """Reversed and exchanged actions are told by a motion that only they explain."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -84,7 +85,35 @@ def test_exchanged_motors_are_told():
     assert "motion: actions of proximal and distal seem to be exchanged. Then short parts" in found
 
 
-def test_changes_are_found_one_after_the_other():
-    (found,) = told("finger", lambda actions: actions * [-1, -1])
-    assert "proximal seems to push the other way" in found
-    assert "distal seems to push the other way, or the film is mirrored. Then short" in found
+def test_motors_that_are_all_reversed_are_told_at_once():
+    (found,) = told("finger", lambda actions: -actions)
+    said = "motion: proximal and distal seem to push the other way, or the film is mirrored. Then"
+    assert said in found
+
+
+def test_changes_are_found_one_after_the_other(monkeypatch):
+    """Each action that is not as it was carried out adds as much to the misfit."""
+    carried_out = np.array([1.0, 2.0, 3.0])
+
+    def fit(_, observed: Observed, *rest: object) -> Any:
+        misfit = 0.5 + 2 * np.count_nonzero(observed.actions[0, 0] != carried_out)
+        return SimpleNamespace(misfit=np.full(10, misfit), distances=(misfit, np.nan))
+
+    names = ("hip", "knee", "foot")
+    monkeypatch.setattr("simtune.fit.misread_actions._fit", fit)
+    monkeypatch.setattr("simtune.simulation.other_actions._of_motors", lambda _: [0, 1, 2])
+    mapping = SimpleNamespace(names=names, range=np.tile([-9.0, 9.0], (3, 1)))
+    simulator = SimpleNamespace(action_mapping=mapping, num_actions=3)
+    setup = cast(Any, SimpleNamespace(physics=SimpleNamespace(simulator=simulator)))
+    reversed_, exchanged = carried_out * [-1, 1, -1], carried_out[[0, 2, 1]]
+    for recorded, says in (
+        (carried_out, None),
+        (reversed_, "hip seems to push the other way, and foot seems to push the other way. Then"),
+        (exchanged, "motion: actions of knee and foot seem to be exchanged. Then"),
+        (-carried_out, "motion: hip and knee and foot seem to push the other way, or the film is"),
+    ):
+        observed = observed_keypoints(np.zeros((1, 2, 2)), recorded[None, None], NOISE_PX)
+        said = misread_actions(setup, observed, np.zeros(1), [0])
+        assert bool(said) == bool(says)
+        assert not says or says in said[0]
+        assert "9.0 times as near" in said[0] if says and recorded is reversed_ else True

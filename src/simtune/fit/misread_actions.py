@@ -10,7 +10,7 @@ from simtune.fit.fit_setup import FitSetup
 from simtune.fit.line_up import clearly_best, fit_quickly
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.observed import Observed
-from simtune.simulation.other_actions import OtherActions, other_actions
+from simtune.simulation.other_actions import OtherActions, all_reversed, other_actions
 
 _MOST_CHANGES, _MOST_S = 3, 20.0  # seconds for all together
 _BETTER = 1.0  # by which −log likelihood per observation must fall: a third of the distance
@@ -26,13 +26,14 @@ def misread_actions(
 ) -> list[str]:
     """A sentence on changes of the actions of E episodes that explain them far better, if any do.
 
-    Those that `other_actions` lists are tried as latencies are: short windows are fitted quickly,
-    from (N,) `parameters`, and the best of the `latencies` counts. They are made one after the
-    other, as long as any helps.
+    Those that `other_actions` and `all_reversed` list are tried as latencies are: short windows are
+    fitted quickly, from (N,) `parameters`, and the best of the `latencies` counts. They are made
+    one after the other, as long as any helps.
     """
     until_s, found = time.monotonic() + _MOST_S, list[OtherActions]()
     first = best = _fit(setup, observed, parameters, latencies)
-    tried = list(other_actions(setup.physics.simulator))
+    simulator = setup.physics.simulator
+    tried = [*other_actions(simulator), *all_reversed(simulator)]
     while len(found) < _MOST_CHANGES:
         fits = [best]
         for other in tried:

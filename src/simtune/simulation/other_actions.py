@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.simulation.actions import ActionMapping
 from simtune.simulation.servos import actuator_name, motors
 from simtune.simulation.simulator import Simulator
 
@@ -28,19 +29,36 @@ class OtherActions(NamedTuple):
 
 
 def other_actions(simulator: Simulator) -> Iterator[OtherActions]:
-    """All that may be meant: reversed ones of motors that push both ways, and exchanged ones."""
-    model, mapping = simulator.model, simulator.action_mapping
-    pushes = {actuator_name(model, i) for i in np.flatnonzero(motors(model)).tolist()}
-    of_motors = [i for i, name in enumerate(mapping.names) if name in pushes]
+    """One that may be meant: of a motor that pushes both ways, reversed, or of two, exchanged."""
+    mapping, of_motors = simulator.action_mapping, _of_motors(simulator)
     each, same = np.arange(simulator.num_actions), np.ones(simulator.num_actions)
-    for action in of_motors:
-        low, high = mapping.range[action]
-        if low < 0 < high:
-            says = f"{mapping.names[action]} seems to push the other way"
-            yield OtherActions(says, each, np.where(each == action, -1.0, same))
+    for action in _two_sided(mapping, of_motors):
+        says = f"{mapping.names[action]} seems to push the other way"
+        yield OtherActions(says, each, np.where(each == action, -1.0, same))
     for one, other in pairs(of_motors):
         says = f"actions of {mapping.names[one]} and {mapping.names[other]} seem to be exchanged"
         yield OtherActions(says, exchanged(each, one, other), same)
+
+
+def all_reversed(simulator: Simulator) -> Iterator[OtherActions]:
+    """Those of all motors that push both ways, reversed together, if there are several."""
+    mapping = simulator.action_mapping
+    if len(both := _two_sided(mapping, _of_motors(simulator))) > 1:
+        each = np.arange(simulator.num_actions)
+        says = f"{' and '.join(mapping.names[i] for i in both)} seem to push the other way"
+        yield OtherActions(says, each, np.where(np.isin(each, both), -1.0, 1.0))
+
+
+def _of_motors(simulator: Simulator) -> list[int]:
+    """Actions that motors take."""
+    model = simulator.model
+    pushes = {actuator_name(model, i) for i in np.flatnonzero(motors(model)).tolist()}
+    return [i for i, name in enumerate(simulator.action_mapping.names) if name in pushes]
+
+
+def _two_sided(mapping: ActionMapping, actions: Sequence[int]) -> list[int]:
+    """Those of the actions that push both ways."""
+    return [i for i in actions if mapping.range[i][0] < 0 < mapping.range[i][1]]
 
 
 def pairs(some: Sequence[int]) -> Iterator[tuple[int, int]]:

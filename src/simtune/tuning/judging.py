@@ -14,6 +14,7 @@ from simtune.fit import (
     Observed,
     PointEstimate,
     Refits,
+    bound_warnings,
     delay_warnings,
     is_motion_unexplained,
 )
@@ -137,12 +138,21 @@ class Judging:
         made = stage.refit(observed, fit, self.start, plan, rng, is_last, part)
         refits = self.earlier.refits_to_trust(made)
         estimate, curves = self._conclude(fit, refits)
-        if is_motion_unexplained(fit, refits):
+        if self._may_be_misread(fit, refits):
             budget.report("looking for other actions that explain it", REFIT[1])
             latencies = sorted({0, fit.latency_steps})
             said = stage.replay_fit.misread_actions(observed, self.start, latencies)
             estimate = replace(estimate, warnings=[*said, *estimate.warnings])
         return Judged(estimate, curves, EarlierRounds(refits, estimate))
+
+    def _may_be_misread(self, fit: FitResult, refits: Refits) -> bool:
+        """Whether the motion is not explained, or by parameters at a bound.
+
+        The best that a fit can do with a motor that is reversed is to switch it off.
+        """
+        space = self.first.space
+        at_bound = bound_warnings(space, space.to_unit(fit.parameters), fit.is_moving)
+        return is_motion_unexplained(fit, refits) or bool(at_bound)
 
     @property
     def _finds_latency(self) -> bool:

@@ -106,7 +106,8 @@ def _of_motion(fit: FitResult, refits: Refits) -> list[str]:
         warnings.append(
             "No setting of the parameters makes the simulator move as recorded: where that "
             f"was tested, {found} in worlds that the simulator can make. Something that "
-            "is not tuned is wrong (a length, a mass, the camera, a delay): trust no number "
+            "is not tuned is wrong (a length, a mass, the camera, a delay, which action moves what "
+            "and in which direction): trust no number "
             "before it is found."
         )
     return warnings
