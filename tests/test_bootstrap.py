@@ -649,7 +649,18 @@ def test_pictures_that_are_all_alike_beside_the_simulation_are_told():
     assert "(in the mean 0.5 px right and 1.0 px up)" in warning
     apart = replace(a_fit(), beside=(Beside("keypoints", 4.3, 1.2, 0.01, -0.02),))
     (warning,) = model_checks(apart, known)
-    assert "in all pictures alike (its parts to different sides)" in warning
+    assert "in all pictures alike, and its parts to different sides" in warning
+
+
+def test_parts_beside_to_different_sides_leave_no_motion_identified():
+    """As before a link that is too long, which a mass made up for; a camera aside moves all."""
+    known, first = refits_of(np.zeros((8, len(SPACE)))), Distribution.first(SPACE, SPACE.nominal)
+    curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
+    for right, verdict in ((0.01, "weak"), (1.0, "identified")):
+        fit = replace(a_fit(), beside=(Beside("keypoints", 4.3, 1.2, right, 0.02),))
+        found, _ = conclude(curves, fit, known, first, first, RangeUpdateConfig())
+        assert {found.verdict[i] for i in MOVING} == {verdict}
+        assert {found.verdict[i] for i in APPEARANCE} == {"identified"}
 
 
 def test_how_far_beside_pictures_are_is_a_mean_by_how_well_each_keypoint_is_known():

@@ -5,6 +5,7 @@ from simtune.fit.calibration.model_checks import (
     elsewhere_warning,
     has_comparison,
     held_out_misfit,
+    is_misshapen,
     is_motion_unexplained,
     model_checks,
 )
@@ -77,6 +78,7 @@ __all__ = [
     "elsewhere_warning",
     "has_comparison",
     "held_out_misfit",
+    "is_misshapen",
     "is_motion_unexplained",
     "left_open",
     "model_checks",

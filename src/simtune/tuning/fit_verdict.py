@@ -14,6 +14,7 @@ from simtune.fit import (
     elsewhere_warning,
     has_comparison,
     held_out_misfit,
+    is_misshapen,
     is_motion_unexplained,
     model_checks,
     ranks,
@@ -66,7 +67,7 @@ def conclude(
     doubtful = np.array([not is_sound or name in at_ends for name in space.names])
     elsewhere = refits.is_elsewhere(fit.misfit)
     doubtful[space.is_appearance] |= elsewhere | (fit.unusual_camera is not None)
-    doubtful[~space.is_appearance] |= elsewhere.any()
+    doubtful[~space.is_appearance] |= elsewhere.any() or is_misshapen(fit)
     visible = [space.names[i] for i in np.flatnonzero(space.is_appearance)]
     estimate = replace(
         followed(read, side, trusted.parameters),

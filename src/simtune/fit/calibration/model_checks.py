@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from simtune.fit.calibration.refits import Refits
+from simtune.fit.motion.common_errors import Beside
 from simtune.fit.result import FitResult
 
 # Ratio to the worst refit's misfit; with few refits their worst is not very large yet.
@@ -41,10 +42,17 @@ _NO_CAMERA = (
 _FAR_BESIDE = 2.5  # standard deviations; a camera that is right has 1, one 2 px off had 4
 _ONE_WAY = 0.2  # of that distance, that its mean is at least if parts do not differ
 _BESIDE = (
-    "What moves is seen {:.1f} px beside where it is simulated, in all pictures alike ({}). So "
-    "does a camera that stands, looks or zooms otherwise than the model's, or a part of another "
-    "shape. Estimates allow for it, but are surer without: "
+    "What moves is seen {:.1f} px beside where it is simulated, in all pictures alike (in the mean "
+    "{:.1f} px {} and {:.1f} px {}). So does a camera that stands, looks or zooms otherwise than "
+    "the model's, or a part of another shape. Estimates allow for it, but are surer without: "
     "declare what may be wrong (kinds camera_pose, field_of_view, size)."
+)
+_MISSHAPEN = (
+    "What moves is seen {:.1f} px beside where it is simulated, in all pictures alike, and its "
+    "parts to different sides. So is a part of another length or shape, or all before a camera "
+    "that zooms otherwise. What moves makes up for it, so none of that is called identified. Mend "
+    "the model, or declare what may be wrong (kinds size, field_of_view, camera_pose; field = "
+    '"body_pos").'
 )
 
 
@@ -66,17 +74,27 @@ def model_checks(fit: FitResult, refits: Refits) -> list[str]:
     return _of_motion(fit, refits) + _beside(fit) + _of_camera(fit)
 
 
-def _beside(fit: FitResult) -> list[str]:
-    """One if pictures are all alike beside the simulation, farther than known worlds' are."""
+def is_misshapen(fit: FitResult) -> bool:
+    """Whether parts are seen beside where they are simulated, to different sides."""
+    its = _farthest_beside(fit)
+    return its is not None and max(abs(its.right), abs(its.down)) < _ONE_WAY * its.px
+
+
+def _farthest_beside(fit: FitResult) -> Beside | None:
+    """Of the camera whose pictures are farthest beside, if farther than known worlds' are."""
     far = [its for its in fit.beside if its.stds > _FAR_BESIDE]
-    if not far:
+    return max(far, key=lambda its: its.stds, default=None)
+
+
+def _beside(fit: FitResult) -> list[str]:
+    """One if pictures are all alike beside the simulation."""
+    if (its := _farthest_beside(fit)) is None:
         return []
-    most = max(far, key=lambda its: its.stds)
-    across = f"{abs(most.right):.1f} px {'right' if most.right > 0 else 'left'}"
-    along = f"{abs(most.down):.1f} px {'down' if most.down > 0 else 'up'}"
-    is_one_way = max(abs(most.right), abs(most.down)) > _ONE_WAY * most.px
-    mean = f"in the mean {across} and {along}" if is_one_way else "its parts to different sides"
-    return [_BESIDE.format(most.px, mean)]
+    if is_misshapen(fit):
+        return [_MISSHAPEN.format(its.px)]
+    across = abs(its.right), "right" if its.right > 0 else "left"
+    along = abs(its.down), "down" if its.down > 0 else "up"
+    return [_BESIDE.format(its.px, *across, *along)]
 
 
 def _of_camera(fit: FitResult) -> list[str]:
