@@ -746,12 +746,17 @@ def test_a_delay_in_pictures_is_told_once_with_what_readings_found_of_it(of_read
     ]
 
 
-@pytest.mark.parametrize("motion", [0.3, 9.0])
-def test_other_actions_are_tried_only_where_no_parameters_explain_the_motion(monkeypatch, motion):
+@pytest.mark.parametrize(("motion", "at"), [(0.3, 0.5), (9.0, 0.5), (0.3, 0.0)])
+def test_other_actions_are_tried_where_the_motion_is_not_explained_or_at_a_bound(
+    monkeypatch, motion, at
+):
+    """As of a motor that is reversed, and that the best fit switches off."""
     first = Distribution.first(SPACE, SPACE.nominal)
     flat = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
-    fit, known = a_fit(motion=motion, latency_steps=2), refits_of(np.zeros((3, len(SPACE))))
-    tried = []
+    unit = SPACE.to_unit(SPACE.nominal)
+    unit[MOVING[-1]] = at
+    fit = replace(a_fit(motion=motion, latency_steps=2), parameters=SPACE.from_unit(unit))
+    known, tried = refits_of(np.zeros((3, len(SPACE)))), list[list[int]]()
 
     def misread_actions(observed: object, start: object, latencies: list[int]) -> list[str]:
         tried.append(latencies)
@@ -774,11 +779,12 @@ def test_other_actions_are_tried_only_where_no_parameters_explain_the_motion(mon
     }
     monkeypatch.setattr(Judging, "_fit", lambda *_: Fitted(fit, cast(Any, stage), 1.0))
     judged = Judging(**facts).judge(False, Budget(), NO_CALLBACKS)
-    is_wrong = motion == 9.0
+    is_wrong = motion == 9.0 or at == 0.0
     assert tried == [[0, 2]] * is_wrong
-    said = judged.estimate.warnings
+    said, verdict = judged.estimate.warnings, judged.estimate.verdict
     assert (said[0] == "the motor pushes the other way") == is_wrong
-    assert any("No setting of the parameters" in warning for warning in said) == is_wrong
+    assert any("No setting of the parameters" in warning for warning in said) == (motion == 9.0)
+    assert [verdict[i] == "identified" for i in MOVING] == [not is_wrong] * len(MOVING)
 
 
 def test_blocks_of_covariances_become_one_correlation():

@@ -141,8 +141,10 @@ class Judging:
         if self._may_be_misread(fit, refits):
             budget.report("looking for other actions that explain it", REFIT[1])
             latencies = sorted({0, fit.latency_steps})
-            said = stage.replay_fit.misread_actions(observed, self.start, latencies)
-            estimate = replace(estimate, warnings=[*said, *estimate.warnings])
+            if said := stage.replay_fit.misread_actions(observed, self.start, latencies):
+                verdict = at_most_weak(estimate.verdict, fit.is_moving)
+                warnings = [*said, *estimate.warnings]
+                estimate = replace(estimate, verdict=verdict, warnings=warnings)
         return Judged(estimate, curves, EarlierRounds(refits, estimate))
 
     def _may_be_misread(self, fit: FitResult, refits: Refits) -> bool:
