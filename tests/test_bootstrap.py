@@ -656,7 +656,7 @@ def test_parts_beside_to_different_sides_leave_no_motion_identified():
     """As before a link that is too long, which a mass made up for; a camera aside moves all."""
     known, first = refits_of(np.zeros((8, len(SPACE)))), Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
-    for right, verdict in ((0.01, "weak"), (1.0, "identified")):
+    for right, verdict in ((0.3, "weak"), (1.0, "identified")):
         fit = replace(a_fit(), beside=(Beside("keypoints", 4.3, 1.2, right, 0.02),))
         found, _ = conclude(curves, fit, known, first, first, RangeUpdateConfig())
         assert {found.verdict[i] for i in MOVING} == {verdict}

@@ -40,7 +40,7 @@ _NO_CAMERA = (
 )
 
 _FAR_BESIDE = 2.5  # standard deviations; a camera that is right has 1, one 2 px off had 4
-_ONE_WAY = 0.2  # of that distance, that its mean is at least if parts do not differ
+_ONE_WAY = 0.5  # of that distance, that its mean is at least before a camera that stands aside
 _BESIDE = (
     "What moves is seen {:.1f} px beside where it is simulated, in all pictures alike (in the mean "
     "{:.1f} px {} and {:.1f} px {}). So does a camera that stands, looks or zooms otherwise than "
@@ -77,7 +77,7 @@ def model_checks(fit: FitResult, refits: Refits) -> list[str]:
 def is_misshapen(fit: FitResult) -> bool:
     """Whether parts are seen beside where they are simulated, to different sides."""
     its = _farthest_beside(fit)
-    return its is not None and max(abs(its.right), abs(its.down)) < _ONE_WAY * its.px
+    return its is not None and np.hypot(its.right, its.down) < _ONE_WAY * its.px
 
 
 def _farthest_beside(fit: FitResult) -> Beside | None:
