@@ -12,7 +12,7 @@ from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.observed import Observed
 from simtune.simulation.other_actions import OtherActions, all_reversed, other_actions
 
-_MOST_CHANGES, _MOST_S = 3, 20.0  # seconds for all together
+_MOST_CHANGES, _MOST_S = 3, 12.0  # seconds for all together, beyond a budget that is over
 _BETTER = 1.0  # by which −log likelihood per observation must fall: a third of the distance
 _SAID = (
     "This would explain the motion: {}. Then short parts of it end {:.1f} times as near to where "

@@ -20,7 +20,7 @@ _LITTLE = 0.02  # of how far readings travel
 def set_up_loop(
     simulator: AnySimulator, observation: ObservationModel, start: np.ndarray
 ) -> OpenLoopReplay:
-    """Replays readings in a simulator; `start`: (N,) parameters of an initial world.
+    """What replays readings in a simulator; `start`: (N,) parameters of an initial world.
 
     Positions that no sensor measures begin as in a simulated episode of that world; but objects
     that begin anywhere are put where nothing touches them, or touch nothing. Derivatives are by
@@ -56,7 +56,7 @@ def set_up_loop(
 
 
 def where_starts_show(loop: OpenLoopReplay, readings: Readings, unit: np.ndarray) -> OpenLoopReplay:
-    """The same, but nothing is unseen if no reading shows where it begins.
+    """The same loop, but with nothing unseen if no reading shows where it begins.
 
     Wheels turn alike wherever on a floor their robot begins. Two such starts are played in a
     world of (N,) `unit` coordinates; what readings show is more than their usual noise and two
