@@ -5,11 +5,11 @@ import numpy as np
 
 from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
 from simtune.simulation import Simulator
-from simtune.simulation.servos import actuator_name
+from simtune.simulation.servos import are_commanded
 
 _AT_LIMIT = 0.02  # of a joint's range, since limits are soft
 _NEARLY_ALWAYS = 0.8  # of all steps
-_MOST_TURN = 4 * np.pi  # rad: a range of more is in degrees, as its file has it
+_MOST_TURN = 4 * np.pi  # a range that a file writes as more than that is no rad
 
 
 def joints_at_limits(simulator: Simulator, states: np.ndarray) -> list[str]:
@@ -30,7 +30,7 @@ def _driven(simulator: Simulator) -> list[int]:
     """Hinges and slides with limits that an actuator acts on, as actions say."""
     model, names = simulator.model, simulator.action_mapping.names
     of_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-    of_joints &= [actuator_name(model, i) in names for i in range(model.nactuator)]
+    of_joints &= are_commanded(model, names)
     return [
         joint
         for joint in np.unique(model.actuator_trnid[of_joints, 0]).tolist()

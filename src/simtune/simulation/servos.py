@@ -1,5 +1,7 @@
 """Which actuators are servos, and where, or how fast, a control sends a joint."""
 
+from collections.abc import Collection
+
 import mujoco
 import numpy as np
 
@@ -75,6 +77,11 @@ def joint_target(model: mujoco.MjModel, servo: int) -> tuple[float, float]:
 def actuator_name(model: mujoco.MjModel, actuator: int) -> str:
     """As actions call it: parts without a name are numbered."""
     return model.actuator(actuator).name or f"actuator {actuator}"
+
+
+def are_commanded(model: mujoco.MjModel, names: Collection[str]) -> np.ndarray:
+    """(nactuator,) bool: whether one of the actions with these `names` is the actuator's."""
+    return np.array([actuator_name(model, i) in names for i in range(model.nactuator)], bool)
 
 
 def is_clipped(model: mujoco.MjModel) -> np.ndarray:

@@ -100,9 +100,8 @@ def _look_at_one(
     hidden = hidden_background(film.painted) if film.is_plate else []
     draw_film(path, task, film, library, comparison, warned + hidden)
     facts = comparison.facts() | why.facts() | {"pictures": str(path)}
-    looks_around = camera_moves(simulator.model, film.view.camera)
-    may_be_the_room = looks_around and not film.view.background_is_unknown and not any(why)
-    if warned and may_be_the_room:
+    may_be_the_room = not any(why) and not film.view.background_is_unknown
+    if warned and may_be_the_room and camera_moves(simulator.model, film.view.camera):
         warned = [f"{warned[0]}; {_NOT_MODELLED}"]
     if why.other is None and (rest := resting_parts(simulator, library, number)):
         warned = [*warned, in_words(rest)]

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.checking.servos.commands import servos_of
-from simtune.checking.servos.doubts import OTHER_UNITS
 from simtune.fit import Readings
 from simtune.observation import JointSensor, ObservationModel, columns_of, joints_of
 from simtune.simulation import Simulator
 from simtune.simulation.other_actions import exchanged, other_actions, pairs
+from simtune.units import OTHER_UNITS
 
 _EIGHTH = np.pi / 4  # of a turn, by which zeros are tried
 _FINER = 3  # zeros to both sides of the best one

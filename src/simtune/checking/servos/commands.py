@@ -12,6 +12,7 @@ from simtune.observation import JointSensor, columns_of
 from simtune.simulation import Simulator
 from simtune.simulation.servos import (
     actuator_name,
+    are_commanded,
     control_limits,
     joint_target,
     position_servos,
@@ -49,10 +50,11 @@ def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Serv
 
 def on_tendons(simulator: Simulator) -> list[str]:
     """Names of servos on tendons that actions command: which joint follows one, nothing says."""
-    model, commanded = simulator.model, simulator.action_mapping.names
+    model = simulator.model
     are_servos = position_servos(model) | velocity_servos(model)
+    are_servos &= are_commanded(model, simulator.action_mapping.names)
     found = np.flatnonzero(are_servos & (model.actuator_trntype == _TENDON))
-    return [name for i in found if (name := actuator_name(model, int(i))) in commanded]
+    return [actuator_name(model, i) for i in found.tolist()]
 
 
 def commanded_spans(simulator: Simulator, actions: Sequence[np.ndarray]) -> dict[str, float]:
@@ -71,15 +73,15 @@ def commanded_spans(simulator: Simulator, actions: Sequence[np.ndarray]) -> dict
 
 def _by_joint(simulator: Simulator) -> dict[str, Servo]:
     """The servos that actions command, by the names of their joints; of two the position's."""
-    model, commanded = simulator.model, simulator.action_mapping.names
-    of_speed, by_joint = velocity_servos(model), dict[str, Servo]()
+    model, by_joint = simulator.model, dict[str, Servo]()
+    of_speed = velocity_servos(model)
     are_servos = position_servos(model) | of_speed
+    are_servos &= are_commanded(model, simulator.action_mapping.names)
     for i in np.flatnonzero(model.actuator_ctrlnum == 1):
         control, output = int(model.actuator_ctrladr[i]), model.actuator_outadr[i]
         gear = model.actuator_gear[output, 0]
-        is_commanded = actuator_name(model, int(i)) in commanded
         moves_joint = model.actuator_trntype[i] == _JOINT
-        if not (is_commanded and are_servos[i] and moves_joint and gear):
+        if not (are_servos[i] and moves_joint and gear):
             continue
         name = model.joint(int(model.actuator_trnid[i, 0])).name
         if name in by_joint and of_speed[i]:
