@@ -232,7 +232,7 @@ def test_check_draws_a_picture_of_each_camera(task, tmp_path, monkeypatch, small
     (tmp_path / "temp").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temp"))
     monkeypatch.setattr("simtune.checking.film.compare._own_gain", lambda _: 1.0)  # takes longest
-    draw = "simtune.checking.film.look.draw_film"
+    draw = "simtune.checking.recorded.draw_film"
     monkeypatch.setattr(draw, lambda path, *_: path.touch())
 
     found = check(CheckConfig(task=str(tuning), real=tmp_path / "data"))

@@ -1,6 +1,7 @@
 """`simtune check` looks at the film: drawn scenes whose framing is known, and a simulated one."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import av
 import numpy as np
@@ -18,10 +19,12 @@ from simtune.checking.film.film_warnings import all_clear, warnings
 from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, MIRRORED
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.resting import in_words, resting_parts
-from simtune.config import CheckConfig
+from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment.experiment import build_experiment
 from simtune.recordings import write_dataset
 from simtune.simulation import random_actions
+from simtune.tasks import Task
 from simtune.trajectory import Trajectory
 
 HALF = SIZE // 2
@@ -270,10 +273,9 @@ def test_before_the_films_own_background_no_other_scene_is_ruled_out(library):
     assert "only what moves was compared" in all_clear(filmed(film, is_plate=True), comparison)
 
 
-def test_a_camera_that_moves_may_have_another_one_s_film(library, monkeypatch, tmp_path):
+def test_a_camera_that_moves_may_have_another_one_s_film(library, monkeypatch):
     """Such as a wrist's, of which only what moves is compared, too."""
-    task = pendulum()
-    simulator = task.simulator(image_size=SIZE)
+    simulator = pendulum().simulator(image_size=SIZE)
     film, turned = drawn(2, 8, 1), library_of(np.rot90(library.frames, 1, (2, 3)))
     films = [filmed(np.rot90(film, 1, (2, 3))), filmed(film)._replace(name="wrist")]
     for name, its in (
@@ -283,9 +285,7 @@ def test_a_camera_that_moves_may_have_another_one_s_film(library, monkeypatch, t
         ("camera_moves", True),
     ):
         monkeypatch.setattr(look, name, lambda *_, its=its: its)
-    monkeypatch.setattr(look, "draw_film", lambda *_: None)
-    config = CheckConfig(task="pendulum", pictures=tmp_path / "film.png")
-    _, said = look.look_at(films, task, simulator, np.zeros((2, 8, 2)), config)
+    said = look.warnings_of(look.look_at(films, simulator, np.zeros((2, 8, 2)), seed=0))
     assert [told.partition(":")[0] for told in said] == ["camera front", "camera wrist"]
     assert all(told.endswith("are their keys exchanged?") for told in said)
 
@@ -326,24 +326,44 @@ def test_a_part_that_rests_is_said_to_be_in_the_background_if_that_shows_it(show
 # --- the command --------------------------------------------------------------------------
 
 
-@pytest.mark.thorough
-def test_check_saves_a_picture_and_says_where(tmp_path, monkeypatch, capsys, small_library):
-    from simtune import cli
-    from simtune.tasks import TASKS
-
-    task = pendulum()
-    monkeypatch.setitem(TASKS, "pendulum", lambda: task)
+def record(task: Task, folder: Path, *, mirrored: bool) -> None:
+    """Two episodes of the task's nominal world."""
     simulator = task.simulator(image_size=SIZE)
     rng = np.random.default_rng(0)
     actions = random_actions(2, 30, simulator.action_mapping, rng)
     played = simulator.roll_out(np.tile(task.parameters.nominal, (2, 1)), actions, rng)
     episodes = [
-        Trajectory(frames[:, :, ::-1], taken.astype("f"), simulator.step_s)
+        Trajectory(frames[:, :, :: -1 if mirrored else 1], taken.astype("f"), simulator.step_s)
         for frames, taken in zip(simulator.film(played), actions, strict=True)
     ]
-    folder = tmp_path / "mirrored"
     write_dataset(folder, episodes, action_names=["turn", "idle"], robot_type="arm", task="swing")
-    path = tmp_path / "seen.png"
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mirrored", [True, False])
+def test_tune_tells_a_mirrored_film_before_it_tunes(mirrored, tmp_path, small_library):
+    task = pendulum()
+    record(task, tmp_path / "film", mirrored=mirrored)
+    config = TuneConfig(task="pendulum", real=str(tmp_path / "film"), out=tmp_path / "run")
+    told = build_experiment(config, task=task).film_warnings()
+    says = "beside the simulator's pictures the film looks mirrored left to right"
+    assert told == [says] * mirrored
+
+
+@pytest.mark.thorough
+def test_films_of_a_simulated_world_are_not_compared(tmp_path):
+    config = TuneConfig(task="pendulum", out=tmp_path / "run", real_episodes=2)
+    assert build_experiment(config, task=pendulum()).film_warnings() == []
+
+
+@pytest.mark.thorough
+def test_check_saves_a_picture_and_says_where(tmp_path, monkeypatch, capsys, small_library):
+    from simtune import cli
+    from simtune.tasks import TASKS
+
+    task, folder, path = pendulum(), tmp_path / "mirrored", tmp_path / "seen.png"
+    monkeypatch.setitem(TASKS, "pendulum", lambda: task)
+    record(task, folder, mirrored=True)
     arguments = ["simtune", "check", "pendulum", "--real", str(folder), "--pictures", str(path)]
     monkeypatch.setattr("sys.argv", arguments)
     cli.main()

@@ -337,7 +337,8 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     )
     config = TuneConfig(task="x", real=str(recorded), out=tmp_path / "run")
     begun = SimpleNamespace(
-        warnings=lambda _: ["a film"],
+        warnings=lambda _: ["a gap"],
+        film_warnings=lambda: ["a film"],
         recordings=real,
         real=SimpleNamespace(facts={"names": ["episode 4", "episode 6", "episode 7"]}),
         search=search,
@@ -353,10 +354,11 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     tune(config, settings=cast(Settings, object()))
     _, found, warnings, _ = ended.finish.call_args.args
     assert "servo_gain" in found["check"]
-    film, lost, said = warnings
+    gap, film, lost, said = warnings
+    assert (gap, film) == ("a gap", "a film")
     assert "reads 1e+05 rad at step 30 of episode 6 " in lost
     assert 'are its readings degrees? give the sensor unit = "deg"' in said
-    assert [film, lost, said] == [record.getMessage() for record in caplog.records][:3]
+    assert warnings == [record.getMessage() for record in caplog.records][:4]
 
 
 def test_check_without_a_camera(tmp_path):

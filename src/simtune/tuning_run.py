@@ -45,15 +45,15 @@ def tune(
     experiment = build_experiment(config, report, settings, task)
     clock.is_built(by_a_robot=config.real in ROBOTS)
     search, real, minutes = experiment.search, experiment.recordings, config.budget_minutes
-    warnings = experiment.warnings(real)
-    _warn(warnings)
+    warnings = _said(experiment.warnings(real))
     needed = search.measure_time(real)
     if settings is None and kept_state(config.out) is None:  # nothing is written before
         refuse_if_too_short(minutes, clock.spent_s, needed)
         say_if_unfitted(search, minutes, clock.spent_s, needed)
     may_check = needed.check_s < _CHECK_SHARE * 60 * minutes
+    warnings += _said(experiment.film_warnings() if may_check else [])
     expected, doubts = _expected_precision(experiment) if may_check else ({}, [])
-    _warn(doubts)
+    warnings += _said(doubts)
     spent_s = clock.spent_s
     with Run(experiment, report) as run:
         run.resume()
@@ -64,7 +64,7 @@ def tune(
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             _run_round(run, budget)
         stopped = {"stopped": search.stop_reason or TIME_IS_OVER}
-        return run.finish(real, stopped | expected, [*warnings, *doubts], command)
+        return run.finish(real, stopped | expected, warnings, command)
 
 
 class _Clock:
@@ -99,10 +99,11 @@ def _run_round(run: Run, budget: Budget) -> None:
     run.save()
 
 
-def _warn(warnings: list[str]) -> None:
-    """At once, not after minutes."""
+def _said(warnings: list[str]) -> list[str]:
+    """The warnings, once they are told: at once, not after minutes."""
     for warning in warnings:
         log.warning("%s", warning)
+    return warnings
 
 
 def _expected_precision(experiment: Experiment) -> tuple[dict[str, Any], list[str]]:

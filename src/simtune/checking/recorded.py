@@ -1,13 +1,20 @@
 """What `check` is told about recordings: that they are sound, their actions, films and readings."""
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from simtune.checking.film.as_read import AsRead
-from simtune.checking.film.camera_film import camera_films
-from simtune.checking.film.library import MOST_STEPS
-from simtune.checking.film.look import look_at, shrunk
+from simtune.checking.film.camera_film import (
+    MOST_EPISODES,
+    MOST_STEPS,
+    camera_films,
+    pictures_of_each,
+    shrunk,
+)
+from simtune.checking.film.look import Look, look_at, warnings_of
+from simtune.checking.film.picture import draw_film
 from simtune.checking.picture_files import picture_file
 from simtune.checking.readings import ReadEpisodes, read_episodes
 from simtune.checking.recording_warnings import refuse_if_all_short, warnings
@@ -26,9 +33,8 @@ from simtune.recordings import Dataset
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 
+_DIVERGING = "the film was not looked at: nearly all of the simulator's worlds diverge"
 _MOST_NAMED = 5  # of unsound episodes
-_LOOKED_AT = 3  # episodes whose pictures are compared
-_PICTURES, _FEWEST_PICTURES = 24, 8  # in total, and at least per episode
 
 
 class Given(NamedTuple):
@@ -51,7 +57,7 @@ def of_recordings(
     """
     dataset = open_recordings(config.real or "", task, config, size, seen)
     num = how_many(dataset, config.episodes)
-    recorded, frames = look_through(dataset, report, min(num, _LOOKED_AT) * bool(seen.cameras))
+    recorded, frames = look_through(dataset, report, min(num, MOST_EPISODES) * bool(seen.cameras))
     lengths = [len(actions) for actions in recorded[:num]]
     refuse_if_all_short(lengths, are_filmed=bool(seen.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
@@ -73,8 +79,9 @@ def of_recordings(
         report("comparing pictures", 0.0)
         as_read = AsRead(simulator, seen, read.trajectories[: len(frames)]) if read else None
         by_name = dict(zip(dataset.episodes, recorded, strict=True))
-        facts["films"], more = look_at(films, task, simulator, actions, config, as_read, by_name)
-        facts["warnings"] += more
+        looks = look_at(films, simulator, actions, config.seed, as_read, by_name)
+        facts["films"] = _drawn(looks, task, config.pictures)
+        facts["warnings"] += warnings_of(looks) if looks else [_DIVERGING]
         if values is not None:
             facts["warnings"] += far_starts(simulator, sensors, values, config.seed)
     if read:
@@ -87,6 +94,17 @@ def of_recordings(
     return Given(simulator, actions, facts, read, bool(far), dataset.recorded_px)
 
 
+def _drawn(looks: list[Look], task: Task, pictures: Path | None) -> dict[str, Any]:
+    """{camera: facts of its film}; JSON. Saves a picture of each."""
+    facts = {}
+    for look in looks:
+        which = f"-{look.film.name.replace('/', '_')}" if len(looks) > 1 else ""
+        path = picture_file(pictures, which)
+        draw_film(path, task, look.film, look.library, look.comparison, look.warnings)
+        facts[look.film.name] = look.facts() | {"pictures": str(path)}
+    return facts
+
+
 def look_through(
     dataset: Dataset, report: ReportProgress, num_looked_at: int = 0
 ) -> tuple[list[np.ndarray], np.ndarray]:
@@ -96,7 +114,7 @@ def look_through(
     InputError, after the last episode, if any is unsound, naming the others as well.
     """
     actions, film, faults = [], [], {}
-    num_frames = max(_FEWEST_PICTURES, _PICTURES // max(num_looked_at, 1))
+    num_frames = pictures_of_each(num_looked_at)
     for episode, name in enumerate(dataset.episodes):
         report("reading the recordings", episode / len(dataset.episodes))
         try:

@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 
+from simtune.checking.film.at_first_sight import film_warnings
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.recording_warnings import warnings_of
 from simtune.checking.replays import RecordedReplays
@@ -49,6 +50,14 @@ class Experiment(TuningProblem):
         if is_recorded and isinstance(simulator, Simulator):
             found += RecordedReplays(simulator, seen, real, facts["names"]).start_warnings()
         return found
+
+    def film_warnings(self) -> list[str]:
+        """Where recorded films cannot show the simulator's scene; none for other episodes."""
+        facts, simulator, seen = self.real.facts, self.simulator, self.context.observation
+        if not facts.get("cameras") or not isinstance(simulator, Simulator):
+            return []
+        names, seed = facts["names"], self.config.seed
+        return film_warnings(simulator, seen, self.recordings, names, seed)
 
     def tensors(self) -> dict[str, torch.Tensor]:
         """What a checkpoint must hold besides `state`."""

@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 
 from simtune.cameras.views import apart
-from simtune.checking.film.library import MOST_STEPS, brought_to_size
+from simtune.checking.film.camera_film import MOST_STEPS
+from simtune.checking.film.library import brought_to_size
 from simtune.fit import Readings
 from simtune.fit.physics import Physics
 from simtune.fit.readings.measured_states import MeasuredStates

@@ -6,11 +6,11 @@ import numpy as np
 
 from simtune.cameras.pictures import resize
 from simtune.cameras.views import apart
+from simtune.checking.film.camera_film import MOST_STEPS
 from simtune.checking.film.features import SIZE, Features, describe
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 
-MOST_STEPS = 200  # of an episode that are used
 _WORLDS, _PICTURES = 32, 24  # of each world
 _FEWEST_WORLDS = 8  # that do not diverge
 

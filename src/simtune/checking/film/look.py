@@ -1,73 +1,28 @@
 """Looks at what each camera filmed, beside the simulator's pictures."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.cameras.pictures import resize
-from simtune.cameras.views import View
 from simtune.checking.film.as_read import AsRead
 from simtune.checking.film.at_odds import at_odds
 from simtune.checking.film.camera_film import CameraFilm
-from simtune.checking.film.compare import compare
+from simtune.checking.film.compare import Comparison, compare
 from simtune.checking.film.exchanged import exchanged
 from simtune.checking.film.explanations import AtOdds
 from simtune.checking.film.film_warnings import warnings
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.painted import hidden_background, painted_over
-from simtune.checking.film.picture import draw_film
 from simtune.checking.film.resting import in_words, resting_parts
 from simtune.checking.film.turned import Turned, turned
-from simtune.checking.picture_files import picture_file
-from simtune.config import CheckConfig
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
-from simtune.tasks import Task
 
 _NOT_MODELLED = 'where the room around is not in the model, say background = "unknown"'
 
 
-def shrunk(view: View, height: int) -> View:
-    """The view with its plate scaled to the height of the simulator's pictures."""
-    if view.plate is None:
-        return view
-    return replace(view, plate=resize(view.plate, (height, view.width(height))))
-
-
-def look_at(
-    films: list[CameraFilm],
-    task: Task,
-    simulator: Simulator,
-    actions: np.ndarray,
-    config: CheckConfig,
-    as_read: AsRead | None = None,
-    recorded: Mapping[str, np.ndarray] | None = None,
-) -> tuple[dict[str, Any], list[str]]:
-    """Facts of each camera's film, by name, and warnings; saves pictures.
-
-    `as_read`: the films' episodes as joint readings have them. `recorded`: whole (T, A) actions of
-    episodes by name, the films' first; without them, films are not compared moment by moment.
-    """
-    libraries = make_libraries(simulator, actions[: len(films[0].frames)], config.seed)
-    if not libraries:
-        return {}, ["the film was not looked at: nearly all of the simulator's worlds diverge"]
-    instead = _exchanged(films, libraries)
-    turns = _turned(films, simulator, as_read)
-    odds = _at_odds(films, simulator, recorded, config.seed, {*instead, *turns})
-    facts, found = {}, []
-    for i, (film, library) in enumerate(zip(films, libraries, strict=True)):
-        which = f"-{film.name.replace('/', '_')}" if len(films) > 1 else ""
-        path = picture_file(config.pictures, which)
-        why = _Why(instead.get(film.name), turns.get(film.name), odds.get(film.name))
-        facts[film.name], warned = _look_at_one(i, film, library, task, simulator, why, path)
-        found += [f"camera {film.name}: {warning}" for warning in warned] if which else warned
-    return facts, found
-
-
-class _Why(NamedTuple):
+class Why(NamedTuple):
     """What explains that a film is unlike the simulator, as far as something does."""
 
     other: str | None  # the camera whose film it seems to have instead
@@ -83,29 +38,67 @@ class _Why(NamedTuple):
         }
 
 
-def _look_at_one(
-    number: int,
-    film: CameraFilm,
-    library: Library,
-    task: Task,
+class Look(NamedTuple):
+    """What one camera filmed, beside the simulator's pictures."""
+
+    film: CameraFilm
+    library: Library
+    comparison: Comparison
+    why: Why
+    warnings: list[str]
+
+    def facts(self) -> dict[str, Any]:
+        """JSON."""
+        return self.comparison.facts() | self.why.facts()
+
+
+def look_at(
+    films: list[CameraFilm],
     simulator: Simulator,
-    why: _Why,
-    path: Path,
-) -> tuple[dict[str, Any], list[str]]:
-    """Facts of the film of one camera, the simulator's view `number`, and warnings."""
+    actions: np.ndarray,
+    seed: int,
+    as_read: AsRead | None = None,
+    recorded: Mapping[str, np.ndarray] | None = None,
+) -> list[Look]:
+    """At each film, whose episodes play these (E, T, A) actions; empty if most worlds diverge.
+
+    `as_read`: the films' episodes as joint readings have them. `recorded`: whole (T, A) actions of
+    episodes by name, the films' first; without them, films are not compared moment by moment.
+    """
+    libraries = make_libraries(simulator, actions[: len(films[0].frames)], seed)
+    if not libraries:
+        return []
+    instead = _exchanged(films, libraries)
+    turns = _turned(films, simulator, as_read)
+    odds = _at_odds(films, simulator, recorded, seed, {*instead, *turns})
+    looks = []
+    for i, (film, library) in enumerate(zip(films, libraries, strict=True)):
+        why = Why(instead.get(film.name), turns.get(film.name), odds.get(film.name))
+        looks.append(_look_at_one(i, film, library, simulator, why))
+    return looks
+
+
+def warnings_of(looks: Sequence[Look]) -> list[str]:
+    """Of all cameras, which are named if there are several."""
+    named = [(f"camera {look.film.name}: " * (len(looks) > 1), look) for look in looks]
+    return [f"{whose}{warning}" for whose, look in named for warning in look.warnings]
+
+
+def _look_at_one(
+    number: int, film: CameraFilm, library: Library, simulator: Simulator, why: Why
+) -> Look:
+    """At the film of one camera, the simulator's view `number`."""
     comparison = compare(film.frames, library)
     states = library.states.reshape(-1, library.states.shape[-1])
     film = film._replace(painted=painted_over(simulator, states, number))
     warned = warnings(film, comparison, *why)
-    hidden = hidden_background(film.painted) if film.is_plate else []
-    draw_film(path, task, film, library, comparison, warned + hidden)
-    facts = comparison.facts() | why.facts() | {"pictures": str(path)}
     may_be_the_room = not any(why) and not film.view.background_is_unknown
     if warned and may_be_the_room and camera_moves(simulator.model, film.view.camera):
         warned = [f"{warned[0]}; {_NOT_MODELLED}"]
     if why.other is None and (rest := resting_parts(simulator, library, number)):
-        warned = [*warned, in_words(rest)]
-    return facts, [*warned, *hidden]
+        warned.append(in_words(rest))
+    hidden = hidden_background(film.painted) if film.is_plate else []
+    return Look(film, library, comparison, why, [*warned, *hidden])
 
 
 def _exchanged(films: list[CameraFilm], libraries: list[Library]) -> dict[str, str]:

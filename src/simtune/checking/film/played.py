@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from simtune.cameras.views import apart
-from simtune.checking.film.library import MOST_STEPS, brought_to_size
+from simtune.checking.film.camera_film import MOST_STEPS
+from simtune.checking.film.library import brought_to_size
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 
