@@ -11,6 +11,7 @@ import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -278,6 +279,20 @@ def test_a_training_on_recordings_scores_nothing(tmp_path, quick):
     assert "return" not in result  # no policy can act there
     stored = read_json(out / "config.json")["config"]["recordings"]
     assert stored == {"dataset_hash": result["recordings"]["dataset_hash"]}
+
+
+def test_what_recordings_show_wrong_is_told_before_training(tmp_path, monkeypatch, caplog):
+    ready = SimpleNamespace(
+        warnings=lambda _: ["a gap"], film_warnings=lambda: ["a mirrored film"], recordings=[]
+    )
+    training, told = MagicMock(), []
+    training.carry_out = lambda: told.extend(record.getMessage() for record in caplog.records)
+    monkeypatch.setattr("simtune.algorithm.build_training", lambda *_: ready)
+    monkeypatch.setattr("simtune.algorithm.Run", MagicMock())
+    monkeypatch.setattr("simtune.algorithm.Training", lambda *_: training)
+    train(config_of(tmp_path / "run"))
+    assert told == ["a gap", "a mirrored film"]
+    assert training.finish.call_args.args[0] == told
 
 
 def test_recordings_that_are_too_short_are_refused_before_anything_is_written(tmp_path):

@@ -25,7 +25,7 @@ from simtune.experiment.presets import choose_range
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
-from simtune.progress import ReportProgress, silent
+from simtune.progress import ReportProgress, silent, told
 from simtune.randomization import Distribution
 from simtune.real.truth import Truth
 from simtune.recordings import write_video
@@ -48,12 +48,13 @@ def train(
     RuntimeError for what fails on the way.
     """
     experiment = build_training(config, report, settings)
+    warnings = told(experiment.warnings(experiment.recordings) + experiment.film_warnings())
     with Run(experiment, report) as run:
         training = Training(experiment, run, report)
         training.resume()
         run.folder.write_config()
         training.carry_out()
-        return training.finish(command)
+        return training.finish(warnings, command)
 
 
 class Training:
@@ -194,8 +195,11 @@ class Training:
         searched = experiment.search.distribution
         return policy_range(searched, self.run.estimate, choose_range(experiment.config))
 
-    def finish(self, command: str | None = None) -> dict[str, Any]:
-        """Score the policy on episodes not used for learning; see `Run.finish`."""
+    def finish(self, warnings: list[str], command: str | None = None) -> dict[str, Any]:
+        """Score the policy on episodes not used for learning; see `Run.finish`.
+
+        `warnings`: of what was known before training.
+        """
         experiment = self.experiment
         config = experiment.config
         metadata: dict[str, Any] = {"method": config.method, "preset": config.preset}
@@ -208,8 +212,8 @@ class Training:
             fps = round(1 / experiment.real.step_s, 3)
             write_video(self.run.folder.videos / "policy.mp4", film, fps)
             metadata |= {name: outcome.summary(values) for name, values in scores.items()}
-        warnings = experiment.warnings(self.real) + experiment.policy_warnings(self.num_skipped)
-        return self.run.finish(self.real, metadata, warnings, command)
+        later = experiment.warnings(self.real) + experiment.policy_warnings(self.num_skipped)
+        return self.run.finish(self.real, metadata, [*warnings, *later], command)
 
     def _save(self) -> None:
         counters: dict[str, Any] = {"filmings": self.num_filmings, "skipped": self.num_skipped}

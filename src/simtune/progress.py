@@ -11,11 +11,19 @@ from tqdm import tqdm
 # What is being done, and the share of the whole that is done
 ReportProgress = Callable[[str, float], None]
 
+log = logging.getLogger(__name__)
 _LINE_EVERY_S = 15.0
 
 
 def silent(doing: str, done: float) -> None:
     """Report nothing."""
+
+
+def told(warnings: list[str]) -> list[str]:
+    """The warnings, which are logged: at once, not after minutes."""
+    for warning in warnings:
+        log.warning("%s", warning)
+    return warnings
 
 
 class _AboveTheBar(logging.Handler):

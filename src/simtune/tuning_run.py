@@ -1,6 +1,5 @@
 """`simtune tune`: the parameters alone, without a policy."""
 
-import logging
 import time
 from typing import Any
 
@@ -11,13 +10,12 @@ from simtune.experiment.enough_time import refuse_if_too_short, say_if_unfitted
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
-from simtune.progress import ReportProgress, silent
+from simtune.progress import ReportProgress, silent, told
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.kept import kept_state
 from simtune.tasks import AnyTask
 from simtune.tuning.search import Callbacks
 
-log = logging.getLogger(__name__)
 # Time for videos and the report: as long as the longer half of the start took, to load libraries or
 # to film, within these bounds. A machine that is slow at first is so at the end.
 _AT_THE_END_S = (6.0, 30.0)
@@ -45,15 +43,15 @@ def tune(
     experiment = build_experiment(config, report, settings, task)
     clock.is_built(by_a_robot=config.real in ROBOTS)
     search, real, minutes = experiment.search, experiment.recordings, config.budget_minutes
-    warnings = _said(experiment.warnings(real))
+    warnings = told(experiment.warnings(real))
     needed = search.measure_time(real)
     if settings is None and kept_state(config.out) is None:  # nothing is written before
         refuse_if_too_short(minutes, clock.spent_s, needed)
         say_if_unfitted(search, minutes, clock.spent_s, needed)
     may_check = needed.check_s < _CHECK_SHARE * 60 * minutes
-    warnings += _said(experiment.film_warnings() if may_check else [])
+    warnings += told(experiment.film_warnings() if may_check else [])
     expected, doubts = _expected_precision(experiment) if may_check else ({}, [])
-    warnings += _said(doubts)
+    warnings += told(doubts)
     spent_s = clock.spent_s
     with Run(experiment, report) as run:
         run.resume()
@@ -97,13 +95,6 @@ def _run_round(run: Run, budget: Budget) -> None:
     run.step = experiment.simulator.num_steps
     run.log_round(found, len(real))
     run.save()
-
-
-def _said(warnings: list[str]) -> list[str]:
-    """The warnings, once they are told: at once, not after minutes."""
-    for warning in warnings:
-        log.warning("%s", warning)
-    return warnings
 
 
 def _expected_precision(experiment: Experiment) -> tuple[dict[str, Any], list[str]]:

@@ -54,7 +54,8 @@ class Experiment(TuningProblem):
     def film_warnings(self) -> list[str]:
         """Where recorded films cannot show the simulator's scene; none for other episodes."""
         facts, simulator, seen = self.real.facts, self.simulator, self.context.observation
-        if not facts.get("cameras") or not isinstance(simulator, Simulator):
+        are_filmed = self.recordings and facts.get("cameras")
+        if not are_filmed or not isinstance(simulator, Simulator):
             return []
         names, seed = facts["names"], self.config.seed
         return film_warnings(simulator, seen, self.recordings, names, seed)
