@@ -26,6 +26,7 @@ from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.progress import ReportProgress, silent, told
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.real.truth import Truth
 from simtune.recordings import write_video
@@ -67,7 +68,7 @@ class Training:
         self.num_skipped = 0  # of them, without a policy that could act
         self.num_scored = 0  # cycles after which the policy was scored
         # Independent of the draw of the start, which would tell on which side of it the truth is
-        self.rng = np.random.default_rng((experiment.config.seed, 9))
+        self.rng = stream(experiment.config.seed, Purpose.TRAINING)
         self._saved_s = time.monotonic()
 
     def carry_out(self) -> None:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.random_streams import Purpose, stream
 from simtune.simulation import AnySimulator, Rollouts, Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.estimate import Estimate
@@ -75,7 +76,9 @@ def episode_and_start(
     late = replace(trajectory, actions=delayed(trajectory.actions, estimate.latency_steps))
     if estimate.start is not None:
         return late, np.array(estimate.start)
-    return late, find_start(simulator, late, estimate.mean, np.random.default_rng(seed), config)
+    return late, find_start(
+        simulator, late, estimate.mean, stream(seed, Purpose.START_SEARCH), config
+    )
 
 
 def find_start(

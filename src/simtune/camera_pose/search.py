@@ -18,6 +18,7 @@ from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Agreement, Fit
 from simtune.cameras.lens import Lens
 from simtune.cameras.pictures import resize
 from simtune.errors import InputError
+from simtune.random_streams import Purpose, stream
 
 _STARTS, _FEWEST_STARTS = 3, 2  # the given camera, and by silhouettes; the latter if time is short
 _STARTING = 0.5  # of the time, within which more starts are tried if no end is sure
@@ -50,7 +51,7 @@ class CameraSearch:
         `lens`: of which the frames are rid.
         """
         self._frames, self._plate, self._robot, self._geometry = frames, plate, robot, geometry
-        self._rng, self._lens = np.random.default_rng((seed, 1)), lens
+        self._rng, self._lens = stream(seed, Purpose.CAMERA_POSE), lens
 
     def run(self, budget: Budget) -> Found:
         """The camera with which the robot explains the film best.
@@ -68,10 +69,7 @@ class CameraSearch:
             budget.report("laying the robot on the film", 0.7 + 0.3 * number / _KEPT)
             fine += _judged(tracker, fit.unit, FINE)
         fine = fine or kept
-        agreement, best = max(fine, key=_score)
-        as_good = [fit.unit for its, fit in fine if its.score > _AS_GOOD * agreement.score]
-        found = Found(best, agreement, np.array([best.unit, *as_good]))
-        return with_lens(found, tracker, self._robot, self._geometry, self._lens)
+        return with_lens(best_of(fine), tracker, self._robot, self._geometry, self._lens)
 
     def _ends(self, budget: Budget) -> list[Judged]:
         """The best ends of rough fits, the best last."""
@@ -139,6 +137,13 @@ class CameraSearch:
     def _tracker(self, at: np.ndarray) -> Tracker:
         film = Film(self._frames[at], self._plate)
         return Tracker(film, self._robot, self._geometry, at)
+
+
+def best_of(ends: list[Judged]) -> Found:
+    """The best, with all that are about as good."""
+    agreement, best = max(ends, key=_score)
+    as_good = [fit.unit for its, fit in ends if its.score > _AS_GOOD * agreement.score]
+    return Found(best, agreement, np.array(as_good or [best.unit]))  # none if all have no score
 
 
 def _is_sure(ends: list[Judged]) -> bool:

@@ -24,6 +24,7 @@ from simtune.fit.readings.sensitivity import ReadingChanges
 from simtune.fit.sensitivity import analyze
 from simtune.observation import ObservationModel, joints_of
 from simtune.progress import ReportProgress, silent
+from simtune.random_streams import Purpose, stream
 from simtune.real.observed import observed
 from simtune.run.files import plain
 from simtune.tasks import Task, load_task
@@ -109,7 +110,7 @@ def _replayed(given: Given, seen: ObservationModel, seed: int, report: ReportPro
 def _simulated(config: CheckConfig, task: Task, size: int, seen: ObservationModel) -> Given:
     """Episodes that explore the task's simulator."""
     simulator = task.simulator(image_size=size, views=seen.views())
-    num, rng = config.episodes or _EPISODES, np.random.default_rng(config.seed)
+    num, rng = config.episodes or _EPISODES, stream(config.seed, Purpose.CHECKED_EPISODES)
     worlds = np.tile(task.parameters.nominal, (num, 1))
     act = simulator.explore(num, task.episode_steps, rng)
     actions = simulator.play(worlds, act, task.episode_steps, rng).actions

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from simtune.random_streams import Purpose, stream
 from simtune.simulation import Simulator
 
 
 def nominal_states(simulator: Simulator, actions: np.ndarray, seed: int) -> np.ndarray:
     """(E, T + 1, S) states of the episodes of (E, T, A) actions that do not diverge."""
     worlds = np.tile(simulator.space.nominal, (len(actions), 1))
-    return simulator.roll_out(worlds, actions, np.random.default_rng((seed, 5))).states
+    return simulator.roll_out(worlds, actions, stream(seed, Purpose.NOMINAL_STATES)).states

@@ -7,6 +7,7 @@ import numpy as np
 from simtune.checking.servos.doubt import Doubt, grouped
 from simtune.observation import JointSensor, by_column
 from simtune.parameters.joint_types import HINGE
+from simtune.random_streams import Purpose, stream
 from simtune.simulation import Simulator
 
 NUM_STARTS = 64  # drawn
@@ -18,7 +19,7 @@ _MEND = "say in [initial_state] where it begins"
 def nominal_starts(simulator: Simulator, seed: int) -> np.ndarray:
     """(NUM_STARTS, S) first states of nominal worlds."""
     worlds = np.tile(simulator.space.nominal, (NUM_STARTS, 1))
-    return simulator.begin(worlds, np.random.default_rng((seed, 6))).states[:, 0]
+    return simulator.begin(worlds, stream(seed, Purpose.STARTS)).states[:, 0]
 
 
 def far_starts(

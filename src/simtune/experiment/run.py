@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from simtune.columns import cut
 from simtune.experiment import outcome
 from simtune.experiment.comparison import write_before_after
 from simtune.experiment.experiment import Experiment
 from simtune.progress import ReportProgress, silent
+from simtune.random_streams import Purpose, stream
 from simtune.report import write_report
 from simtune.run.folder import RunFolder
 from simtune.trajectory import Trajectory
@@ -145,7 +144,7 @@ class Run:
     def _write_posterior(self) -> dict[str, Any]:
         """Write posterior.npz; returns its part of result.json."""
         joint = Joint.of(self.estimate, self.experiment.space)
-        draws = joint.draw(NUM_DRAWS, np.random.default_rng(self.experiment.config.seed))
+        draws = joint.draw(NUM_DRAWS, stream(self.experiment.config.seed, Purpose.POSTERIOR))
         self.folder.write_posterior(joint.space.names, draws, joint.correlation)
         return outcome.joint_posterior(joint, self.estimate, draws)
 

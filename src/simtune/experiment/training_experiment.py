@@ -27,6 +27,7 @@ from simtune.experiment.training_parts import (
 )
 from simtune.networks.layers import under
 from simtune.progress import ReportProgress, silent
+from simtune.random_streams import Purpose, stream
 from simtune.real.recorded import RecordedReal
 from simtune.replay import Replay
 from simtune.tasks import Task, check_reward, load_task, with_known_colours, with_one_square_camera
@@ -61,7 +62,7 @@ class TrainingExperiment(Experiment):
         late as in the real world. A world that diverges is charged the lowest reward of training,
         or of these episodes; training itself is charged nothing for them.
         """
-        rng = np.random.default_rng((seed, 3))  # not used in training
+        rng = stream(seed, Purpose.SCORE)
         worlds = np.tile(world, (num_episodes, 1))
 
         def act(observation: Observation) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
+from simtune.random_streams import Purpose, stream
 from simtune.report.data import RunData
 from simtune.run.files import write_atomically
 from simtune.tuning.estimate import Estimate
@@ -33,7 +34,7 @@ def draw_samples(run: RunData, space: ParameterSpace, num: int) -> np.ndarray:
     verdicts = [p["verdict"] for p in found]
     curves, correlation = run.survival_curves(), run.posterior.correlation
     estimate = Estimate(mean, low, high, verdicts, curves, correlation)
-    return Joint.of(estimate, space).draw(num, np.random.default_rng(run.result["seed"]))
+    return Joint.of(estimate, space).draw(num, stream(run.result["seed"], Purpose.POSTERIOR))
 
 
 def write_samples(path: Path, names: Sequence[str], draws: np.ndarray) -> None:

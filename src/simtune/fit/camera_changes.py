@@ -11,6 +11,7 @@ from simtune.fit.physics import Physics
 from simtune.fit.readings.sensitivity import MOST_EPISODES
 from simtune.observation import AllEvidence
 from simtune.progress import ReportProgress
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.simulation import Points, Rollouts, Simulator
 from simtune.vision.keypoint_tracks import KeypointTracks
@@ -51,7 +52,7 @@ def camera_changes(
 
     Raises RuntimeError if all episodes of (E, T, A) actions diverge.
     """
-    space, rng = simulator.space, np.random.default_rng((seed, 1))
+    space, rng = simulator.space, stream(seed, Purpose.CAMERA_CHANGES)
     keypoints = find_keypoints(simulator, first, seed)
     # Episodes that are not played are assumed to tell as much
     more, actions = max(1.0, len(actions) / MOST_EPISODES), actions[:MOST_EPISODES]

@@ -105,10 +105,18 @@ def frozen(module: nn.Module) -> Iterator[None]:
 
 
 @contextmanager
-def seeded(seed: int) -> Iterator[None]:
-    """Torch's random numbers (initial weights, dropout) from `seed`, elsewhere undisturbed."""
-    with torch.random.fork_rng():
-        torch.manual_seed(seed)
+def seeded(seed: int, device: str = "cpu") -> Iterator[None]:
+    """Torch's random numbers (initial weights, dropout) from `seed`, elsewhere undisturbed.
+
+    `device`: also of a GPU, where numbers are drawn there. No other GPU is touched: each that is
+    takes memory and seconds.
+    """
+    gpus = () if device == "cpu" else (device,)
+    with torch.random.fork_rng(gpus):
+        torch.default_generator.manual_seed(seed)
+        for gpu in gpus:
+            with torch.cuda.device(gpu):
+                torch.cuda.manual_seed(seed)
         yield
 
 

@@ -11,6 +11,7 @@ from simtune.cameras.pictures import resize
 from simtune.cameras.views import View
 from simtune.config import RealConfig
 from simtune.errors import InputError
+from simtune.random_streams import Purpose, stream
 from simtune.recordings import decode, write_video
 from simtune.simulation import OPENGL_DM_CONTROL, LiveCamera, Simulator
 from simtune.tasks import AnyTask, Task
@@ -41,7 +42,7 @@ class RealityGap:
     @classmethod
     def draw(cls, image_size: int, seed: int) -> "RealityGap":
         """The gap drawn by a seed."""
-        rng = np.random.default_rng((seed, 1))  # independent of the draw of the start
+        rng = stream(seed, Purpose.REALITY_GAP)
         return cls(image_size, rng.uniform(*_BRIGHTNESS))
 
     @staticmethod

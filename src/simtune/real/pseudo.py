@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.observation import ObservationModel
+from simtune.random_streams import Purpose, stream
 from simtune.real import RealWorld, remembers_nothing
 from simtune.real.gap import RealityGap
 from simtune.simulation import (
@@ -37,7 +38,7 @@ class PseudoReal(RealWorld):
         gap: RealityGap | None = None,
         observation: ObservationModel | None = None,
     ):
-        first_rng = np.random.default_rng((seed, 8))  # independent of the draw of the start
+        first_rng = stream(seed, Purpose.FIRST_FILM)
         self.observation = seen = observation or _usual(gap)
         self.step_s = simulator.step_s
 
@@ -72,7 +73,7 @@ class PseudoReal(RealWorld):
         """See `RealWorld`; the same policy and seed give the same episodes."""
         begin()
         return self._run_policy(
-            policy, num_stacked, num_episodes, np.random.default_rng((self._seed, 2, seed))
+            policy, num_stacked, num_episodes, stream(self._seed, Purpose.POLICY_FILM, seed)
         )
 
 

@@ -15,6 +15,7 @@ from simtune.cameras.pictures import resize
 from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
+from simtune.random_streams import Purpose, stream
 from simtune.real import RealWorld, remembers_nothing
 from simtune.real.archive import RecordingArchive, RecordingSession
 from simtune.real.meaning import meaning_of
@@ -99,7 +100,7 @@ class RobotReal(RealWorld):
             log.info("%d episodes of earlier sessions in %s are used", used, self._filmed.folder)
 
         def draw(episode: int) -> ActOnFrames:
-            rng = np.random.default_rng((self._seed, 4, done + episode))
+            rng = stream(self._seed, Purpose.ROBOT, done + episode)
             drawn = random_actions(1, self._task.episode_steps, self._mapping, rng)[0]
             return lambda t, _: drawn[t]
 

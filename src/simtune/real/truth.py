@@ -6,6 +6,7 @@ import numpy as np
 
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
+from simtune.random_streams import Purpose, stream
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
 from simtune.simulation import AnySimulator
@@ -43,7 +44,7 @@ class Truth:
 
         The default, twice or half the truth, is as in Sec. VI-A. Colours stop at 1.
         """
-        too_high = np.random.default_rng(seed).random(len(self._space)) < 0.5
+        too_high = stream(seed, Purpose.WRONG_START).random(len(self._space)) < 0.5
         real = self._parameters
         return self._space.clip(np.where(too_high, real * factor, real / factor))
 

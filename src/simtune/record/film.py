@@ -13,6 +13,7 @@ from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
+from simtune.random_streams import Purpose, stream
 from simtune.real.choose import read_parameters
 from simtune.real.observed import observed
 from simtune.record.cameras import filming_whole, views_of, widths_of
@@ -55,7 +56,7 @@ def record(
         # OpenGL should look unlike the simulator, so it draws all that it can.
         quality=OPENGL_DM_CONTROL,
     )
-    rng = np.random.default_rng(config.seed)
+    rng = stream(config.seed, Purpose.RECORD)
     world = parameters[None]
     num_steps = task.episode_steps
     seen = observed(replace(task, looks_at=None), None, is_simulated=True)  # all there is

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simtune.fit import FEW_EPISODES, MOST_EPISODES, FitWork, count_fit_steps
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.simulation import AnySimulator
@@ -80,7 +81,7 @@ class Pace:
         cls, context: SearchContext, model: PosteriorSearchParamModel, distribution: Distribution
     ) -> "Pace":
         """Time a little of each, in worlds of `distribution`."""
-        simulator, rng = context.simulator, np.random.default_rng((context.seed, 1))
+        simulator, rng = context.simulator, stream(context.seed, Purpose.PACE)
         worlds = distribution.sample(_WORLDS, rng)
         act = simulator.explore(_WORLDS, _STEPS, rng)
         step_s, played = _timed(lambda: simulator.play(worlds, act, _STEPS, rng))

@@ -17,6 +17,7 @@ from simtune.networks.layers import (
     seeded,
     under,
 )
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
@@ -64,7 +65,7 @@ class PaperSearch(Search):
             )
         self.num_moves = 0
         self._simulator, self._observation = simulator, context.observation
-        self._rng = np.random.default_rng(context.seed)
+        self._rng, self._device = stream(context.seed, Purpose.PAPER_SEARCH), context.device
         start, range_ = context.start, config.range_spm
         self.distribution = Distribution.proportional(space, start, range_, start)
         scale = simulator.action_scale
@@ -128,7 +129,8 @@ class PaperSearch(Search):
     def _train(self, num_updates: int, budget: Budget) -> float:
         """At least one update of q_φ; returns their mean loss."""
         config, losses = self.config, []
-        with seeded(int(self._rng.integers(2**62))):  # of dropout, so that resuming repeats it
+        seed = int(self._rng.integers(2**62))  # of dropout, so that resuming repeats it
+        with seeded(seed, self._device):
             for _ in range(num_updates):
                 windows, truth = self._buffer.sample(
                     config.batch_size, config.window, config.crop_size, self._rng

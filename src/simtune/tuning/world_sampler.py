@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from simtune.budget import Budget
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import PlayedWorlds, SimulatedWorlds, play_worlds
 from simtune.search_param_model.training_pictures import TrainingPictures
@@ -18,7 +19,7 @@ class WorldSampler:
     """Draws the number of worlds asked for, or fewer if the budget runs out."""
 
     def __init__(self, context: SearchContext):
-        self._context, self.rng = context, np.random.default_rng(context.seed)
+        self._context, self.rng = context, stream(context.seed, Purpose.SEARCHED_WORLDS)
 
     def play(
         self,

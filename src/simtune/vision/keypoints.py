@@ -16,6 +16,7 @@ from simtune.cameras.lens import focal_px
 from simtune.cameras.pictures import BORDER_PX
 from simtune.cameras.views import View
 from simtune.parameters.model_writer import start_from_material
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, EnvironmentSimulator, Points, Simulator
 from simtune.simulation.rendering.appearance import NUM_GROUPS
@@ -189,7 +190,7 @@ def find_keypoints(
     These explore worlds of the `distribution`. Keypoints are chosen for each view separately: what
     two cameras see is measured twice. Raises RuntimeError if no world of a model stays finite.
     """
-    rng = np.random.default_rng(seed)
+    rng = stream(seed, Purpose.KEYPOINTS)
     points = every_keypoint(simulator) if points is None else points
     if not len(points):
         return points

@@ -8,6 +8,7 @@ from simtune.cameras.pictures import resize
 from simtune.cameras.views import apart
 from simtune.checking.film.camera_film import MOST_STEPS
 from simtune.checking.film.features import SIZE, Features, describe
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 
@@ -34,7 +35,7 @@ def make_libraries(simulator: Simulator, actions: np.ndarray, seed: int) -> list
 
     Empty if nearly all worlds diverge.
     """
-    rng, space = np.random.default_rng((seed, 2)), simulator.space
+    rng, space = stream(seed, Purpose.LIBRARY), simulator.space
     worlds = Distribution.first(space, space.nominal).sample(_WORLDS, rng)
     played = actions[np.arange(_WORLDS) % len(actions), :MOST_STEPS].astype(float)
     rollouts = simulator.roll_out(worlds, played, rng)

@@ -7,6 +7,7 @@ import numpy as np
 from simtune.cameras.views import apart
 from simtune.checking.film.camera_film import MOST_STEPS
 from simtune.checking.film.library import brought_to_size
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 
@@ -23,7 +24,7 @@ class Played:
         longest = int(self._lengths.max())
         held = [np.minimum(np.arange(longest), length - 1) for length in self._lengths]
         actions = [its[at].astype(float) for its, at in zip(episodes, held, strict=True)]
-        rng, space = np.random.default_rng((seed, 3)), simulator.space
+        rng, space = stream(seed, Purpose.PLAYED_ACTIONS), simulator.space
         worlds = Distribution.first(space, space.nominal).sample(_WORLDS, rng)
         rollouts = simulator.roll_out(worlds.repeat(num, 0), np.tile(actions, (_WORLDS, 1, 1)), rng)
         alive = np.bincount(rollouts.index // num, minlength=_WORLDS) == num  # in all episodes

@@ -24,6 +24,7 @@ from simtune.observation import (
     joints_of,
     units_of,
 )
+from simtune.random_streams import Purpose, stream
 from simtune.simulation import ActionMapping, Simulator
 
 _MOST_NAMED, _LARGE = 3, 0.1  # actions, of the largest one's size
@@ -90,7 +91,10 @@ class ReplayedReadings:
         steps, observe = round(LONGEST_S / simulator.step_s), observation.observe_beside()
         actions = actions[:MOST_EPISODES, :steps].astype(float)
         played = simulator.roll_out(
-            np.tile(nominal, (len(actions), 1)), actions, np.random.default_rng((seed, 1)), observe
+            np.tile(nominal, (len(actions), 1)),
+            actions,
+            stream(seed, Purpose.READING_CHANGES),
+            observe,
         )
         if not len(played):
             raise RuntimeError(_diverged(simulator.action_mapping, actions))

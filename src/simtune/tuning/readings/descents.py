@@ -11,6 +11,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings
+from simtune.random_streams import Purpose, stream
 from simtune.tuning.readings.agreement import CLEARLY_BETTER, two_agree
 from simtune.tuning.readings.horizons import AT_LATENCY, Horizon, Horizons, Latency, longest_latency
 
@@ -44,7 +45,7 @@ class ReadingsDescents:
     def begin(self, first_guess: np.ndarray) -> list[Guess]:
         """The first guess, (N,) in unit coordinates, and random ones for the first horizon."""
         low, high = self._bounds
-        rng, inside = np.random.default_rng((self._seed, 2)), _INSIDE * (high - low)
+        rng, inside = stream(self._seed, Purpose.DESCENTS), _INSIDE * (high - low)
         units = [np.clip(first_guess, low + inside, high - inside)]
         count = self._horizons.growing[0].guesses
         units += [rng.uniform(low, high) for _ in range(count - 1)]

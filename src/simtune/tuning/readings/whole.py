@@ -9,6 +9,7 @@ from simtune.budget import Budget
 from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings, ReplayStage
 from simtune.fit.readings.segments import Segments
 from simtune.observation import declared_noise
+from simtune.random_streams import Purpose, stream
 from simtune.tuning.readings.agreement import (
     CLEARLY_BETTER,
     BestDescent,
@@ -62,7 +63,7 @@ class WholeFits:
             whole, latency = further
             readings, ended = self.readings.delayed(latency.steps), [whole.descent]
         first, stage, took_s = whole
-        rng, fits = np.random.default_rng((self.seed, 1)), [first]
+        rng, fits = stream(self.seed, Purpose.WHOLE_EPISODES), [first]
         most = _FEW_FITS if self._is_enough(ended) else self.horizons.most_fits
         while len(fits) < most:
             best = min(fits, key=lambda descent: descent.log_rms)
