@@ -67,6 +67,46 @@ def test_a_cell_shows_numbers_names_and_what_is_missing():
     assert cell({"text": "{x}", "where": {"method": "a"}}, rows) == "1; 3"
 
 
+def test_rows_of_a_line_are_told_together():
+    cell = MADE["cell"]
+    rows = [{"task": "a", "of": 10, "s": 3.2}, {"task": "b", "of": 7, "s": None}]
+    rows += [{"task": "c", "of": 8, "s": 5.0}]
+    assert cell({"text": "{task}", "together": "number"}, rows) == "3"
+    assert cell({"text": "{of} of them", "together": "sum"}, rows) == "25 of them"
+    assert cell({"text": "{s:.1f} s", "together": "range"}, rows) == "3.2 s to 5.0 s"
+    assert cell({"text": "{s:.1f}", "together": "range"}, rows[:1]) == "3.2"
+    assert cell({"text": "{s:.1f}", "together": "most"}, rows) == "5.0"
+    assert cell({"text": "{s}", "together": "most"}, rows[1:2]) == "–"
+    assert cell({"text": "{s}", "together": "number", "where": {"task": "d"}}, rows) == "–"
+
+
+def test_errors_intervals_and_verdicts_are_tallied():
+    column = {"text": "{x}", "together": "tally"}
+
+    def told(*texts: str) -> str:
+        return MADE["cell"](column, [{"x": text} for text in texts])
+
+    held, missed = "0.2 %, ±4 % holds, identified", "7.6 %, ±5 % **misses**, weak"
+    assert told(held) == "0.2 %, 1 of 1 hold, identified"
+    assert told(held, missed) == "0.2 to 7.6 %, 1 of 2 hold, 1 identified, 1 weak"
+    unknown = "90.0 %, not identifiable"
+    assert told(unknown, unknown) == "not identifiable"
+    some = "0.2 to 90 %, 1 of 1 hold, 1 identified, 1 not identifiable"
+    assert told(held, unknown) == some
+    assert told("12 s") == "12 s"
+
+
+def test_a_group_stands_in_place_of_its_values_and_shared_words_are_told_once():
+    rows = [{"p": "kp", "x": 1}, {"p": "kv", "x": 2}, {"p": "mass", "x": 3}]
+    named = MADE["grouped"](rows, {"p": {"servo": ["kp", "kv"]}})
+    assert [row["p"] for row in named] == ["servo", "servo", "mass"]
+    assert [row["x"] for row in named] == [1, 2, 3]
+    fill = MADE["fill"]
+    assert fill("{v}", {"v": {"a": "weak", "b": "weak"}}) == "all weak"
+    assert fill("{v}", {"v": {"a": "weak", "b": "no", "c": "weak"}}) == "weak: a, c; no: b"
+    assert fill("{v}", {"v": {"a": "weak", "b": "no"}}) == "a weak, b no"
+
+
 def test_a_benchmark_replaces_its_row_and_keeps_the_others(common, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(ROOT / "benchmarks" / "memory.py"), "--task", "walker"])
     path = tmp_path / "claim.json"
