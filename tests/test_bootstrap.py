@@ -230,14 +230,32 @@ def test_a_refit_that_runs_out_of_time_is_the_last_and_does_not_count():
     assert (len(made.errors), len(replay_fit.starts)) == (2, 3)
 
 
-def test_worlds_that_diverge_are_no_refits():
-    answers = iter([None, observe_nothing(NOTHING, 0), None])
+def test_another_world_is_known_where_one_diverges():
+    """At most three each; starts stay on both sides."""
+    real = replace(a_fit(), parameters=SPACE.from_unit(np.full(len(SPACE), 0.5)))
+    films = observe_nothing(NOTHING, 0)
+    answers = iter([None, films, None, None, None, films])
+    replay_fit = FakeReplayFit(lambda begun_at: replace(real, parameters=begun_at))
+    start = PointEstimate(real.parameters, np.full(len(SPACE), 0.02))
+    made = run_bootstrap(
+        replay_fit, lambda *_: next(answers), real, start, 3, np.random.default_rng(0)
+    )
+    assert (len(made.errors), len(made.misfits), len(replay_fit.starts)) == (2, 2, 2)
+    assert made.num_diverged == 1
+    assert Refits.from_json(made.to_json()).num_diverged == 1
+    assert model_checks(real, replace(made, misfits=made.misfits * 4)) == []
+
+
+def test_known_worlds_that_all_diverge_are_told_and_not_a_lack_of_time():
     replay_fit = FakeReplayFit(lambda _: a_fit())
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
-    made = run_bootstrap(
-        replay_fit, lambda *_: next(answers), a_fit(), start, 3, np.random.default_rng(0)
-    )
-    assert (len(made.errors), len(made.misfits), len(replay_fit.starts)) == (1, 1, 1)
+    rng = np.random.default_rng(0)
+    made = run_bootstrap(replay_fit, lambda *_: None, a_fit(), start, 2, rng)
+    (warning,) = model_checks(a_fit(), made)
+    assert "All known worlds that were to be fitted for comparison diverged" in warning
+    assert "minutes" not in warning
+    (warning,) = model_checks(a_fit(), Refits.none(a_fit()))
+    assert "There was no time to fit a known world" in warning
 
 
 def test_refit_worlds_are_drawn_no_farther_than_was_known_before():
@@ -708,6 +726,10 @@ def test_what_ends_at_a_bound_is_told_but_nothing_lies_beyond_zero_or_a_colour()
     assert bound_warnings(SPACE, unit, ~everything) == {}
     friction = replace(SPACE.parameters[0], name="friction", low=0.0, scale="linear", nominal=0.1)
     assert bound_warnings(ParameterSpace([friction]), np.zeros(1), np.ones(1, bool)) == {}
+    # A force may be reversed, and a thing may stand on the other side
+    gain = replace(SPACE.parameters[1], name="gain", low=0.0, scale="linear", nominal=0.1)
+    assert gain.field == "actuator_gainprm"
+    assert list(bound_warnings(ParameterSpace([gain]), np.zeros(1), np.ones(1, bool))) == ["gain"]
 
 
 def test_a_camera_at_a_bound_of_its_pose_needs_another_key():

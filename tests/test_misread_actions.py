@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 from keypoint_evidence import observed_keypoints
 
+from simtune.budget import OutOfTime
 from simtune.fit import FitConfig, Observed, Physics
 from simtune.fit.fit_setup import FitSetup
 from simtune.fit.misread_actions import misread_actions
@@ -104,7 +105,8 @@ def test_changes_are_found_one_after_the_other(monkeypatch):
     monkeypatch.setattr("simtune.simulation.other_actions._of_motors", lambda _: [0, 1, 2])
     mapping = SimpleNamespace(names=names, range=np.tile([-9.0, 9.0], (3, 1)))
     simulator = SimpleNamespace(action_mapping=mapping, num_actions=3)
-    setup = cast(Any, SimpleNamespace(physics=SimpleNamespace(simulator=simulator)))
+    physics = cast(Any, SimpleNamespace(simulator=simulator, within=lambda _: physics))
+    setup = FitSetup(physics, cast(Any, None), FitConfig())
     reversed_, exchanged = carried_out * [-1, 1, -1], carried_out[[0, 2, 1]]
     for recorded, ratio, says in (
         (carried_out, 1, None),
@@ -125,3 +127,30 @@ def test_changes_are_found_one_after_the_other(monkeypatch):
         assert bool(said) == bool(says)
         assert not says or says in said[0]
         assert not says or f"short parts of it end {ratio:.1f} times as near" in said[0]
+
+
+def test_what_was_found_when_the_time_is_over_counts(monkeypatch):
+    """The first change explains it; the second one's fit does not end."""
+    carried_out, ends = np.array([1.0, 2.0]), 0  # so many fits end in time
+
+    def fit(_, observed: Observed, *rest: object) -> Any:
+        nonlocal ends
+        ends -= 1
+        if ends < 0:
+            raise OutOfTime
+        misfit = 0.5 + 2 * np.count_nonzero(observed.actions[0, 0] != carried_out)
+        return SimpleNamespace(misfit=np.full(10, misfit), distances=(misfit, np.nan))
+
+    monkeypatch.setattr("simtune.fit.misread_actions._fit", fit)
+    monkeypatch.setattr("simtune.simulation.other_actions._of_motors", lambda _: [0, 1])
+    mapping = SimpleNamespace(names=("hip", "knee"), range=np.tile([-9.0, 9.0], (2, 1)))
+    simulator = SimpleNamespace(action_mapping=mapping, num_actions=2)
+    budgets = []
+    physics = cast(Any, SimpleNamespace(simulator=simulator))
+    physics.within = lambda budget: budgets.append(budget) or physics
+    setup = FitSetup(physics, cast(Any, None), FitConfig())
+    observed = observed_keypoints(np.zeros((1, 2, 2)), (carried_out * [-1, 1])[None, None], 1.0)
+    for num, is_found in ((0, False), (1, False), (2, True)):
+        ends = num
+        assert bool(misread_actions(setup, observed, np.zeros(1), [0])) == is_found
+    assert all(budget.seconds == 12 for budget in budgets)

@@ -4,7 +4,8 @@ import itertools
 import json
 import time
 from dataclasses import replace
-from typing import NamedTuple, cast
+from types import SimpleNamespace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -22,11 +23,12 @@ from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import SearchContext, familiarity, make_search
 from simtune.tuning.detected import Detected
+from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.learning import LearningResult
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.search import Callbacks, Round
+from simtune.tuning.search import Callbacks, Event, Round
 from simtune.vision.keypoints import find_keypoints
 
 
@@ -341,3 +343,25 @@ def test_videos_of_a_robot_where_no_world_gets_are_said_to_be_so(
     assert (familiarity.STRANGE in estimate.warnings) == is_strange
     if is_strange:
         assert "identified" not in estimate.verdict
+
+
+def test_what_had_no_time_in_one_round_is_told_of_that_round_only():
+    """A later round without a fit has the earlier one's estimate."""
+    search = PosteriorSearch.__new__(PosteriorSearch)
+    fitted = Estimate(np.zeros(1), np.zeros(1), np.ones(1), ["weak"], {}, warnings=["of the fit"])
+    search._earlier, search._times = EarlierRounds(None, fitted), None
+    told = SimpleNamespace(warnings=[], fit=lambda *_: None)
+    search._readings_first = cast(Any, told)
+    search._plan = lambda real, budget: (budget, True)
+    search._learn = lambda *_: (cast(Any, SimpleNamespace(searched=None)), {})
+    search._judge = lambda *_: (cast(Any, search._earlier.estimate), np.zeros(0))
+
+    def move(estimate: Estimate, *_: object) -> tuple[Estimate, list[Event]]:
+        search._earlier = search._earlier.with_doubts(estimate)
+        return estimate, []
+
+    search._move = move
+    for seconds in (30, 20):
+        told.warnings = [f"there were {seconds} s for readings"]
+        found = search.run_round([], Budget()).estimate.warnings
+        assert found == [f"there were {seconds} s for readings", "of the fit"]

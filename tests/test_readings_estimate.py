@@ -113,6 +113,23 @@ def test_what_readings_and_videos_contradict_each_other_on_covers_both_and_is_to
     assert by_fit(read, is_trusted=False).combined_with(both).low[0] == 2.5
 
 
+def test_an_interval_that_is_cut_off_at_a_bound_is_no_narrower_knowledge():
+    """Readings that end at a bound, 1.0 ± .1 of its range, and .76 ± .06 with videos."""
+    ends = [SPACE.from_unit(np.full(2, at)) for at in (1 - 0.165, 1.0, 0.76 - 0.1, 0.76 + 0.1)]
+    low, high, video_low, video_high = ends
+    read = replace(READ, mean=high, low=low, high=high, verdict=["weak", "weak"])
+    both = replace(
+        estimate(tuple(video_low), tuple(video_high), "weak", "weak"),
+        mean=SPACE.from_unit(np.full(2, 0.76)),
+    )
+    by_readings = by_fit(read, is_trusted=True, joints=cast(JointMotion, object()))
+    held = by_readings.start(PointEstimate(SPACE.nominal, np.full(2, 0.3)))
+    np.testing.assert_allclose(held.std, 0.165 / 1.645, rtol=1e-3)
+    mixed = by_readings.combined_with(both)
+    np.testing.assert_allclose(mixed.mean, both.mean)  # which is the narrower one
+    assert mixed.warnings == []
+
+
 def test_without_a_fit_to_videos_errors_that_readings_know_still_go_together():
     both = estimate((1.0, 0.4), (3.0, 2.1), "weak", "weak")
     mixed = by_fit(READ, is_trusted=True).combined_with(both)

@@ -30,10 +30,11 @@ _OF_TIMESTEP = (
 def bound_warnings(space: ParameterSpace, unit: np.ndarray, fitted: np.ndarray) -> dict[str, str]:
     """{name: warning} of parameters that ended at a bound beyond which the truth may lie.
 
-    `unit`: (N,) in unit coordinates; `fitted`: (N,) bool. Nothing lies beyond a low bound of 0, or
-    beyond the bounds of a colour.
+    `unit`: (N,) in unit coordinates; `fitted`: (N,) bool. Nothing lies beyond a low bound of 0 of
+    what is never negative, or beyond the bounds of a colour.
     """
-    at_bound = (unit < _AT_BOUND) & (space.low != 0) | (unit > 1 - _AT_BOUND)
+    ends = [p.low == 0 and p.field_info.is_never_negative for p in space]
+    at_bound = (unit < _AT_BOUND) & ~np.array(ends) | (unit > 1 - _AT_BOUND)
     counts = at_bound & fitted & ~space.is_appearance
     return {
         parameter.name: _ENDED_AT_BOUND.format(parameter.name, parameter.bound_keys)

@@ -1,18 +1,19 @@
 """Whether other actions than the recorded ones explain a motion that no parameters explain."""
 
-import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from simtune.budget import Budget, OutOfTime
 from simtune.fit.fit_setup import FitSetup
 from simtune.fit.line_up import clearly_best, fit_quickly
 from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.observed import Observed
 from simtune.simulation.other_actions import OtherActions, all_reversed, other_actions
 
-_MOST_CHANGES, _MOST_S = 3, 12.0  # seconds for all together, beyond a budget that is over
+_MOST_CHANGES, _MOST_S = 3, 12.0  # seconds for all together, beyond a budget that may be over
 _BETTER = 1.0  # by which −log likelihood per observation must fall: a third of the distance
 _SAID = (
     "This would explain the motion: {}. Then short parts of it end {:.1f} times as near to where "
@@ -30,17 +31,15 @@ def misread_actions(
     fitted quickly, from (N,) `parameters`, and the best of the `latencies` counts. They are made
     one after the other, as long as any helps.
     """
-    until_s, found = time.monotonic() + _MOST_S, list[OtherActions]()
-    first = best = _fit(setup, observed, parameters, latencies)
-    simulator = setup.physics.simulator
+    setup = replace(setup, physics=setup.physics.within(Budget(_MOST_S)))
+    try:
+        first = best = _fit(setup, observed, parameters, latencies)
+    except OutOfTime:
+        return []
+    found, simulator = list[OtherActions](), setup.physics.simulator
     tried = [*other_actions(simulator), *all_reversed(simulator)]
     while len(found) < _MOST_CHANGES:
-        fits = [best]
-        for other in tried:
-            if time.monotonic() > until_s:
-                break
-            changed = replace(observed, actions=other.of(observed.actions))
-            fits.append(_fit(setup, changed, parameters, latencies))
+        fits = [best, *_fits_in_time(setup, observed, tried, parameters, latencies)]
         number = clearly_best(np.array([fit.misfit for fit in fits]))
         if _mean(best) - _mean(fits[number]) < _BETTER:
             break
@@ -53,6 +52,20 @@ def misread_actions(
     says = ", and ".join(other.says for other in found)
     is_mirrored = (np.prod([other.push for other in found], 0) < 0).all()
     return [_SAID.format(says + _MIRRORED * bool(is_mirrored), np.nanmax(nearer))]
+
+
+def _fits_in_time(
+    setup: FitSetup,
+    observed: Observed,
+    tried: Sequence[OtherActions],
+    parameters: np.ndarray,
+    latencies: Sequence[int],
+) -> Iterator[ShootingFit]:
+    """With each of the other actions in turn, until the time is over."""
+    with suppress(OutOfTime):
+        for other in tried:
+            changed = replace(observed, actions=other.of(observed.actions))
+            yield _fit(setup, changed, parameters, latencies)
 
 
 def _fit(

@@ -144,9 +144,9 @@ class PosteriorSearch(Search):
         budget, is_last = self._plan(real, budget)
         learned, metrics = self._learn(real, budget, callbacks.save)
         estimate, curves = self._judge(learned, by_readings, is_last, budget, callbacks)
-        if doubts := self._readings_first.warnings:
-            estimate = replace(estimate, warnings=[*doubts, *estimate.warnings])
         estimate, events = self._move(estimate, curves, learned.searched)
+        if doubts := self._readings_first.warnings:  # not stored: a later round has its own
+            estimate = replace(estimate, warnings=[*doubts, *estimate.warnings])
         return Round(estimate, events, metrics)
 
     def _learn(

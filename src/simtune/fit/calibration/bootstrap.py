@@ -4,6 +4,7 @@ Simulated worlds near the estimate are filmed and fitted exactly as the real one
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,12 +14,14 @@ from simtune.fit.calibration.refits import Refits, believed_std, usual_std
 from simtune.fit.observed import Observed
 from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, PointEstimate
+from simtune.parameters import ParameterSpace
 
 _SMALLEST_STD = 0.01  # of the refitted worlds around the estimate, in unit coordinates
 FEW_EPISODES = 3  # of a refit at least: enough to compare errors with claimed std
 MANY_EPISODES = 5  # at most: a fit uses no more windows if there are more episodes
 # A refit whose misfit is larger than the real fit's by this factor has failed to converge.
 _ASTRAY = 1.5
+_TRIES = 3  # of a known world that does not diverge
 _MARGIN = 0.002  # distance of true parameters from the bounds, in unit coordinates
 
 # Maps (N,) parameters and the latency of actions, in steps, to observations of that world; to None
@@ -53,22 +56,23 @@ def run_bootstrap(
     unit, start_unit = space.to_unit(fit.parameters), space.to_unit(start.parameters)
     # At least as far as the real fit moved: a fit that starts near the truth converges easily.
     away = np.maximum(start.std, np.abs(unit - start_unit))
-    refits: list[_Refit] = []
+    refits, num_diverged = list[_Refit](), 0
     for number, offset in zip(range(num), _in_opposite_pairs(rng, len(unit)), strict=False):
         if number and not budget.allows_another(number):
             break
         budget.report("fitting known worlds for comparison", number / num)
-        truth = _world_near(fit, unit, start, rng)
-        observed = synthesize(space.from_unit(truth), fit.latency_steps)
-        if observed is None:
+        known = _film_known(space, synthesize, fit, start, rng)
+        if known is None:
+            num_diverged += 1
             continue
+        truth, observed = known
         begin = PointEstimate(space.from_unit(truth + away * offset), start.std)
         try:
             refit = replay_fit.fit(observed, begin, (fit.latency_steps,), extend_horizon)
         except OutOfTime:
             break
         refits.append(_Refit(refit, space.to_unit(refit.parameters) - truth))
-    return _compared(fit, refits)
+    return replace(_compared(fit, refits), num_diverged=num_diverged)
 
 
 def _in_opposite_pairs(rng: np.random.Generator, size: int) -> Iterator[np.ndarray]:
@@ -81,6 +85,25 @@ def _in_opposite_pairs(rng: np.random.Generator, size: int) -> Iterator[np.ndarr
         offset = rng.normal(size=size)
         yield offset
         yield -offset
+
+
+def _film_known(
+    space: ParameterSpace,
+    synthesize: Synthesize,
+    fit: FitResult,
+    start: PointEstimate,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, Observed] | None:
+    """(N,) true parameters of a world near the `fit`'s, in unit coordinates, and its observations.
+
+    Another one where a world diverges, so that opposite starts stay pairs; None if several do.
+    """
+    unit = space.to_unit(fit.parameters)
+    for _ in range(_TRIES):
+        truth = _world_near(fit, unit, start, rng)
+        if observed := synthesize(space.from_unit(truth), fit.latency_steps):
+            return truth, observed
+    return None
 
 
 def _world_near(

@@ -20,6 +20,11 @@ _NOT_JUDGED = (
     "There was no time to fit a known world for comparison, so nothing tells how far what videos "
     f"say can be trusted: none of it is called identified. {_GO_ON}"
 )
+_DIVERGED = (
+    "All known worlds that were to be fitted for comparison diverged, so nothing tells how far "
+    "what videos say can be trusted: none of it is called identified. A smaller physics timestep, "
+    "or narrower bounds, may help."
+)
 _NOTHING_FOUND = (
     "In the known worlds fitted for comparison nothing that moves is found for sure, so how well "
     "the simulator moves as the videos do cannot be tested: none of it is called identified. Film "
@@ -106,7 +111,7 @@ def _of_camera(fit: FitResult) -> list[str]:
 def _of_motion(fit: FitResult, refits: Refits) -> list[str]:
     """Whether known worlds' fits explain as much, or could not tell."""
     if not refits.misfits:
-        return [_NOT_JUDGED]
+        return [_DIVERGED if refits.num_diverged else _NOT_JUDGED]
     if not has_comparison(refits):
         return [_NOTHING_FOUND]
     warnings, num = [], len(refits.misfits)

@@ -40,6 +40,7 @@ class Refits:
     usual_std: np.ndarray  # (N,) standard deviations that fits like these usually claim
     # (K,) indices of parameters that are known or held: their errors say nothing of these fits
     unfitted: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    num_diverged: int = 0  # known worlds besides, whose physics diverged
 
     @classmethod
     def none(cls, fit: FitResult) -> "Refits":
@@ -56,6 +57,7 @@ class Refits:
             "misfits": [[misfit.motion, misfit.picture] for misfit in self.misfits],
             "usual_std": self.usual_std.tolist(),
             "unfitted": self.unfitted.tolist(),
+            "num_diverged": self.num_diverged,
         }
 
     @classmethod
@@ -68,6 +70,7 @@ class Refits:
             misfits=[Misfit(tuple(motion), tuple(picture)) for motion, picture in saved["misfits"]],
             usual_std=np.array(saved["usual_std"]),
             unfitted=np.array(saved["unfitted"], int),
+            num_diverged=saved["num_diverged"],
         )
 
     def believed(self, std: np.ndarray) -> np.ndarray:

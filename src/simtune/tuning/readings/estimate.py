@@ -157,8 +157,12 @@ class ReadingsEstimate:
 
 
 def _std(estimate: Estimate, space: ParameterSpace) -> np.ndarray:
-    """(N,) standard deviations in unit coordinates, if an interval is a normal distribution's."""
-    return (space.to_unit(estimate.high) - space.to_unit(estimate.low)) / (2 * STDS_90)
+    """(N,) standard deviations in unit coordinates, if an interval is a normal distribution's.
+
+    By its longer side: the other one may be cut off at a bound.
+    """
+    mean, low, high = map(space.to_unit, (estimate.mean, estimate.low, estimate.high))
+    return np.maximum(mean - low, high - mean) / STDS_90
 
 
 def _covering_both(
