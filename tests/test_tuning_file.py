@@ -135,7 +135,8 @@ def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path)
         (tmp_path / "tune.toml").write_text(block)
         assert len(load_any_task(str(tmp_path / "tune.toml")).simulator(image_size=16).points())
         return
-    head = "" if "model =" in block else HEAD
+    of_built_in = block.startswith("task =")
+    head = "" if "model =" in block or of_built_in else HEAD
     if block.startswith("[policy]"):
         (folder / "policy.py").write_text(documented("python")[0])
     if 'mapping = "joints"' in block:  # which needs servos of positions
@@ -151,7 +152,8 @@ def test_every_example_in_the_documentation_loads(load, folder, block, tmp_path)
         more = "".join(f'<camera name="{name}" pos="0 0 3"/>' for name in ("top", "hand_camera"))
         (folder / "scene.xml").write_text(SCENE.replace("<camera", f"{more}<camera", 1))
         (folder / "wrist.yaml").write_text(CALIBRATION)
-    task = load(head + block + ("" if "[[parameters]]" in block else MASS))
+    has_parameters = of_built_in or "[[parameters]]" in block
+    task = load(head + block + ("" if has_parameters else MASS))
     assert len(task.parameters) >= 1
     batch = Batch(task.load_model(), 8, 1)
     task.initialize(batch, np.random.default_rng(0))
@@ -198,6 +200,76 @@ def test_a_short_file_has_usual_values(load, tmp_path):
     assert isinstance(task.load_actions(), DirectActions)
     simulator = task.simulator(image_size=16)
     assert (simulator.step_s, simulator.num_substeps, simulator.num_actions) == (0.05, 10, 3)
+
+
+@pytest.fixture
+def declared(tmp_path):
+    """Loads a tuning file of this text alone."""
+
+    def declared(text: str) -> Task:
+        (tmp_path / "other.toml").write_text(text)
+        return load_task(str(tmp_path / "other.toml"))
+
+    return declared
+
+
+def test_a_built_in_task_is_the_same_with_another_background(declared):
+    own = load_task("ball_in_cup")
+    same = declared('task = "ball_in_cup"')
+    assert repr(list(same.parameters)) == repr(list(own.parameters))
+    assert [camera.camera for camera in same.cameras] == ["cam0"]
+    assert (same.step_s, same.looks_at) == (own.step_s, own.looks_at)
+    assert same.content_hash != own.content_hash  # another file's run does not go on with it
+    rng, worlds = np.random.default_rng(0), own.parameters.nominal[None]
+    actions = np.ones((1, 5, 2))
+    both = [task.simulator(image_size=16) for task in (own, same)]
+    states = [simulator.roll_out(worlds, actions, rng).states[:, 1:] for simulator in both]
+    assert states[0].shape == states[1].shape
+    begun = both[0].begin(worlds, rng).states[:, 0]
+    np.testing.assert_array_equal(*(simulator.render(begun, worlds) for simulator in both))
+    assert same.reward is own.reward
+
+
+@pytest.mark.parametrize(
+    ("task", "background", "left_out"),
+    [("ball_in_cup", "recording", "ground"), ("cheetah", "unknown", "ground")],
+)
+def test_colours_of_what_stands_still_are_no_parameters_before_a_background(
+    declared, task, background, left_out
+):
+    made = declared(f'task = "{task}"\n[camera]\nbackground = "{background}"')
+    own = load_task(task).parameters.names
+    assert made.parameters.names == tuple(n for n in own if not n.startswith(left_out))
+    assert made.cameras[0].background == background
+
+
+def test_a_built_in_task_may_have_other_parameters_and_another_camera(declared):
+    made = declared("""
+task = "walker"
+name = "mine"
+camera = "back"
+
+[[parameters]]
+name = "knees"
+kind = "damping"
+objects = ["right_knee", "left_knee"]
+nominal = 1.0
+""")
+    assert (made.name, made.parameters.names) == ("mine", ("knees",))
+    assert made.cameras[0].camera == "back"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('task = "walkre"', "did you mean 'walker'"),
+        ('task = "walker"\nepisode_steps = 3', "episode_steps"),
+        ('task = "walker"\ncamera = "front"', "no camera 'front' in the model"),
+    ],
+)
+def test_what_is_wrong_with_a_built_in_task_that_is_changed(declared, text, message):
+    with pytest.raises(InputError, match=message):
+        declared(text)
 
 
 def test_a_long_file_says_it_all(load, tmp_path):

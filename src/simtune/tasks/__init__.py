@@ -1,16 +1,16 @@
 """Built-in tasks by name, and users' tasks from files.
 
-A new built-in task needs a file in this folder and a line in TASKS.
+A new built-in task needs a file in this folder and a line in `built_in`.
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from simtune.errors import InputError, UnknownName
-from simtune.tasks import ball_in_cup, cabinet_slide, cartpole, cheetah, finger, rope_peg, walker
+from simtune.tasks.built_in import TASKS
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.known_colours import known_values, with_known_colours
 from simtune.tasks.task import Task
@@ -22,16 +22,6 @@ from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
 AnyTask = Task | EnvironmentTask
 IN_PYTHON = "in Python: "  # prefix of the names of tasks that were declared without a file
 _LONGEST = 100  # characters of a name, in a message
-
-TASKS: dict[str, Callable[[], Task]] = {
-    "ball_in_cup": ball_in_cup.catch,
-    "walker": walker.walk,
-    "cheetah": cheetah.run,
-    "finger": finger.spin,
-    "rope_peg": rope_peg.insert,
-    "cabinet_slide": cabinet_slide.slide,
-    "cartpole": cartpole.balance,
-}
 
 
 def load_task(name: str) -> Task:

@@ -57,35 +57,40 @@ class FilmingCamera:
             spec.camera(name).fovy = self.fovy_deg
 
 
-def read_cameras(file: TomlTable, spec: mujoco.MjSpec) -> list[FilmingCamera]:
+def read_cameras(
+    file: TomlTable, spec: mujoco.MjSpec, usual: str | None = None
+) -> list[FilmingCamera]:
     """Read `camera = "NAME"`, a table [camera], or [[cameras]].
 
-    The default is the model's only camera; with sensors, it is no camera. Raises InputError.
+    The default is the `usual` camera, or the model's only one; with sensors, it is no camera.
+    Raises InputError.
     """
     known = [camera.name for camera in spec.cameras if camera.name]
     if "cameras" in file:
         if "camera" in file:
             raise file.error("give camera or [[cameras]], not both", "camera")
-        return _several(file.tables("cameras"), spec, known)
+        return _several(file.tables("cameras"), spec, known, usual)
     if "camera" not in file:
         if "sensors" in file:
             return []
-        if len(known) == 1:
-            return [_model_s(known[0])]
+        if usual or len(known) == 1:
+            return [_model_s(usual or known[0])]
         pose = "or say where one is in a table [camera] (docs/tuning-file.md)"
         if known:
             raise file.error(f"which camera films? camera = one of {', '.join(known)}, {pose}")
         raise file.error(f"no camera films: the model has none with a name; give it one, {pose}")
     if not file.is_table("camera"):
         return [_model_s(_named(file, "camera", known))]
-    return [_of_table(file.table("camera"), spec, known)]
+    return [_of_table(file.table("camera"), spec, known, usual)]
 
 
-def _several(tables: list[TomlTable], spec: mujoco.MjSpec, known: list[str]) -> list[FilmingCamera]:
+def _several(
+    tables: list[TomlTable], spec: mujoco.MjSpec, known: list[str], usual: str | None
+) -> list[FilmingCamera]:
     """Cameras of [[cameras]]; raises InputError if two have the same name or key."""
     cameras: list[FilmingCamera] = []
     for table in tables:
-        new = _of_table(table, spec, known)
+        new = _of_table(table, spec, known, usual)
         for key in ("name", "key", "camera"):
             mine, others = getattr(new.footage, key), [getattr(c.footage, key) for c in cameras]
             if mine in others:
@@ -111,15 +116,18 @@ def _named(table: TomlTable, key: str, known: list[str]) -> str:
     return name
 
 
-def _of_table(table: TomlTable, spec: mujoco.MjSpec, known: list[str]) -> FilmingCamera:
-    """A camera of the model, by default its only one, or a new one, with its recordings."""
+def _of_table(
+    table: TomlTable, spec: mujoco.MjSpec, known: list[str], usual: str | None
+) -> FilmingCamera:
+    """A camera of the model, by default the usual or only one, or a new one; its recordings."""
     table.allow("name", "camera", *_POSE, *FOOTAGE)
     footage = read_footage(table)
     if footage.lens and "field_of_view_deg" in table:
         raise table.error("the lens says the field of view: leave this out", "field_of_view_deg")
     has_pose = any(key in table for key in _POSE)
-    if not has_pose and "camera" not in table and "name" not in table and len(known) == 1:
-        camera = _model_s(known[0])
+    is_named = "camera" in table or "name" in table
+    if not has_pose and not is_named and (usual or len(known) == 1):
+        camera = _model_s(usual or known[0])
     elif "camera" in table or ("name" in table and not has_pose):
         for key in _POSE:
             if key in table:

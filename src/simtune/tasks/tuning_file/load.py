@@ -8,6 +8,7 @@ from simtune.tasks.tuning_file.camera import read_cameras
 from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
 from simtune.tasks.tuning_file.model import model_name, read_model
+from simtune.tasks.tuning_file.of_built_in import read_built_in
 from simtune.tasks.tuning_file.parameters import read_known_colours, read_parameters
 from simtune.tasks.tuning_file.policy import read_policy
 from simtune.tasks.tuning_file.sensors import read_sensors
@@ -21,12 +22,16 @@ _MOST_FINER = 100  # times, physics steps than the model's
 
 
 def read_task(file: TomlTable) -> Task | EnvironmentTask:
-    """The task of a model or environment that a file, or a dict with the same keys, declares.
+    """The task that a file, or a dict with the same keys, declares.
+
+    Of a model, an environment or a built-in task.
 
     Raises InputError "FILE:LINE: ..." if the file is invalid or does not fit its model.
     """
     if "environment" in file:
         return read_environment_task(file)
+    if "task" in file:
+        return read_built_in(file)
     file.allow(*_KEYS)
     nominal = read_model(file)
     cameras = read_cameras(file, nominal)
