@@ -10,9 +10,8 @@ from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
-from simtune.tuning import SearchContext
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.search import Search
+from simtune.tuning.search import Search, SearchContext
 from simtune.vision.keypoints import find_keypoints
 
 

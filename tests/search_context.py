@@ -8,7 +8,7 @@ from simtune.real.truth import Truth
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning import SearchContext
+from simtune.tuning.search import SearchContext
 from simtune.vision.keypoints import find_keypoints
 
 SIZE = 32  # pixels

@@ -42,6 +42,7 @@ from simtune.tuning.joint import Joint
 from simtune.tuning.judging import Fitted, Judging
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig
+from simtune.tuning.rounds import RoundTime
 from simtune.tuning.search import NO_CALLBACKS
 from simtune.tuning.survival_curves import normal_curves
 from simtune.vision.detector_noise import DetectorNoise
@@ -654,6 +655,8 @@ def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
     assert "Pictures come 38 ms late, the most that is fitted" in warning
     (warning,) = delay_warnings({"readings": (-0.0375, 0.0001)}, 0, 0.05)
     assert "Readings come 38 ms early" in warning
+    assert "move the actions up by a row" in warning  # there is no negative latency
+    assert "latency_s" not in warning
     assert [is_too_late(steps) for steps in (0.6, 0.72, -0.75)] == [False, True, True]
 
 
@@ -800,13 +803,28 @@ def test_other_actions_are_tried_where_the_motion_is_not_explained_or_at_a_bound
         "config": PosteriorSearchConfig(),
     }
     monkeypatch.setattr(Judging, "_fit", lambda *_: Fitted(fit, cast(Any, stage), 1.0))
-    judged = Judging(**facts).judge(False, Budget(), NO_CALLBACKS)
+    judged = Judging(**facts).judge(RoundTime(Budget(), False, Budget()), NO_CALLBACKS)
     is_wrong = motion == 9.0 or at == 0.0
     assert tried == [[0, 2]] * is_wrong
     said, verdict = judged.estimate.warnings, judged.estimate.verdict
     assert (said[0] == "the motor pushes the other way") == is_wrong
     assert any("No setting of the parameters" in warning for warning in said) == (motion == 9.0)
     assert [verdict[i] == "identified" for i in MOVING] == [not is_wrong] * len(MOVING)
+
+
+@pytest.mark.parametrize(
+    ("fit_s", "earlier", "is_whole"), [(20.0, 0, True), (5.0, 0, False), (20.0, 1, False)]
+)
+def test_known_worlds_may_take_from_later_rounds_if_this_one_has_no_time_for_two(
+    fit_s, earlier, is_whole
+):
+    """Of 30 s that are left of the round, and 200 s of all; unless an earlier round has some."""
+    facts = dict.fromkeys(("stage", "start", "learned", "first", "by_readings", "config"))
+    known = EarlierRounds(refits_of(np.zeros((earlier, len(SPACE)))) if earlier else None)
+    judging = Judging(**cast(Any, facts), learning=cast(Any, None), earlier=known)
+    part, whole = Budget(30.0), Budget(200.0)
+    given = judging._for_known_worlds(fit_s, RoundTime(part, True, whole))
+    assert given is (whole if is_whole else part)
 
 
 def test_blocks_of_covariances_become_one_correlation():

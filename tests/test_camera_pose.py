@@ -17,7 +17,7 @@ from simtune.camera_pose.film import Film
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
 from simtune.camera_pose.scene import measured_states, unlocated_geoms, with_any_camera
-from simtune.camera_pose.search import Found
+from simtune.camera_pose.search import Found, best_of
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
 from simtune.camera_pose.sureness import covariance, is_by_chance, spread
 from simtune.camera_pose.tracking import FINE, NEAR, Agreement, Fit, Tracker, _step
@@ -396,6 +396,20 @@ def test_intervals_are_as_wide_as_errors_of_points_and_frames_say():
     found = Found(precise, Agreement(0.8, 0.2, 0.9), np.array([[0.5], [0.52]]))
     half = 1.894579 * np.sqrt(expected / 100**2 + 0.02**2 / 2)  # Student's t of 8 stretches
     np.testing.assert_allclose(spread(found), [half], rtol=1e-6)
+
+
+def test_ends_that_are_about_as_good_count_once_each():
+    """Of the best, which is the camera, so that another one counts by half."""
+    fit = Fit(np.array([0.5]), np.zeros(1, int), np.ones(1), np.zeros(1), np.ones((1, 1)))
+
+    def ended(at: float, on_edges: float) -> tuple[Agreement, Fit]:
+        return Agreement(on_edges, 0.2, 1.0), fit._replace(unit=np.array([at]))
+
+    found = best_of([ended(0.9, 0.6), ended(0.52, 0.75), ended(0.5, 0.8)])
+    assert found.fit.unit == 0.5
+    assert found.ends.tolist() == [[0.52], [0.5]]
+    nowhere = best_of([ended(0.3, 0.1), ended(0.4, 0.2)])
+    assert nowhere.ends.tolist() == [nowhere.fit.unit.tolist()]
 
 
 def found_at(unit: np.ndarray) -> Found:

@@ -20,7 +20,9 @@ from simtune.checking import check, table
 from simtune.checking.conclusions import conclude
 from simtune.checking.expected_precision import expected_precision
 from simtune.checking.recording_warnings import warnings
+from simtune.columns import two_digits
 from simtune.config import CheckConfig
+from simtune.errors import InputError
 from simtune.fit.camera_changes import (
     WINDOW_STEPS,
     motion_changes,
@@ -30,7 +32,7 @@ from simtune.fit.camera_changes import (
 )
 from simtune.fit.sensitivity import Sensitivity, analyze, one_by_one
 from simtune.observation import ObservationModel
-from simtune.parameters import ParameterSpace, camera_pose, colour, dynamics
+from simtune.parameters import Parameter, ParameterSpace, camera_pose, colour, dynamics
 from simtune.recordings import write_dataset
 from simtune.simulation import Rollouts, Simulator, random_actions
 from simtune.simulation.actions import DirectActions
@@ -214,6 +216,58 @@ def test_a_sum_is_of_one_unit():
         "their difference, cam_x − cam_y",
         "a larger cam_z looks like a larger cam_pitch",
     ]
+
+
+@pytest.mark.parametrize(
+    ("b_std", "said"),
+    [
+        (0.01, "their ratio, a / b"),
+        (0.05, "their ratio, a / b^0.2"),
+        (0.25, "a larger a looks like a smaller b"),
+        (0.0004, "a larger a looks like a smaller b"),
+    ],
+)
+def test_a_power_that_says_little_but_of_one_parameter_is_not_told(b_std, said):
+    """As by `tune`, which gives no interval of such a combination."""
+    space = ParameterSpace(
+        [dynamics(name, "body_mass", (name,), nominal=1.0, unit="kg") for name in ("a", "b")]
+    )
+    sensitivity = seen_alike(
+        space,
+        np.ones(2),
+        changed=1.2 * space.nominal,
+        motion_std=np.array([0.01, b_std]),
+        picture_std=np.full(2, np.inf),
+        first_width=np.full(2, 2.2),
+        correlation=np.array([[1.0, 0.95], [0.95, 1.0]]),
+    )
+    (pair,) = conclude(space, sensitivity)["pairs"]
+    assert pair["combination"] == said
+
+
+@pytest.mark.parametrize(
+    ("scale", "nominal", "low", "high", "to"),
+    [
+        ("log", 1.0, 1.0, 1.15, 1.15),  # narrower than a factor of 1.2: to the farther bound
+        ("log", 1.15, 1.0, 1.15, 1.0),
+        ("log", 1.0, 0.95, 1.15, 1.15),
+        ("log", 1.0, 0.9, 1.05, 0.9),
+        ("log", 1.0, 0.5, 1.1, 1 / 1.2),
+        ("log", 1.0, 0.5, 1.5, 1.2),
+        ("linear", 1.0, 0.0, 1.0, 0.9),
+    ],
+)
+def test_a_parameter_is_changed_within_its_range(scale, nominal, low, high, to):
+    some, other = (
+        Parameter(name=name, field="body_mass", objects=(name,), unit="kg", **bounds)
+        for name, bounds in (
+            ("a", {"scale": scale, "nominal": nominal, "low": low, "high": high}),
+            ("b", {"nominal": 1.0, "low": 0.1, "high": 10.0}),
+        )
+    )
+    space = ParameterSpace([some, other])
+    expected = [[to, 1.0], [nominal, 1.2]]
+    np.testing.assert_allclose(one_by_one(space, space.nominal), expected, rtol=1e-12)
 
 
 def test_a_reason_why_nothing_shows_is_given_only_where_nothing_does():
@@ -440,7 +494,10 @@ def test_no_rate_is_advised_against_one_that_was_chosen_or_that_frames_need():
     assert "take a smaller --control-hz" in late
     assert warnings(pendulum(), facts | {"fps": 100.0}, actions, 1) == [late]
     fast = warnings(pendulum(), facts | {"control_hz": 1 / (1 / 49), "fps": 49}, actions, 1)
-    assert fast[0].endswith("--control-hz 12.5 brings them to it")
+    assert fast[0].endswith(
+        "--control-hz 12.5 brings them to it. Was 49 Hz the real rate? A wrong one in the file "
+        "makes all motion too fast or too slow"
+    )
 
 
 @pytest.mark.parametrize(
@@ -557,6 +614,42 @@ def test_the_table_says_how_late_the_worst_camera_is():
     result = {"task": "t", "episodes": 1, "steps": 30, "step_s": 0.1, "recordings": facts}
     said = "\n".join(table(result | {"parameters": {}, "pairs": []}))
     assert "away from their steps by 31.5 ms at most, 9 ms on average" in said
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(0.0463, "0.046"), (9.9, "9.9"), (9.96, "10"), (99.8, "100"), (-140.2, "-140"), (0.0, "0")],
+)
+def test_numbers_have_two_digits_and_no_power_of_ten(value, said):
+    assert two_digits(value) == said
+
+
+def test_the_table_has_whole_numbers_from_ten_on():
+    p = {"value": 1.0, "unit": "N", "changed_to": 1.2, "verdict": "shows clearly", "note": ""}
+    p |= {"picture_levels": 4.0, "picture_share": 0.998}
+    p |= {"motion_rms_px": 101.0, "motion_largest_px": 140.3}
+    p |= {"reading": "lift", "reading_unit": "mm", "reading_rms": 120.0, "reading_largest": 250.0}
+    result = {"task": "t", "episodes": 1, "steps": 1, "step_s": 0.1, "pairs": []}
+    a, b = p | {"std_percent": 150.0}, p | {"std": 123.0}
+    lines = table(result | {"parameters": {"a": a, "b": b}})
+    assert lines[0] == "t: 1 episode of 1 step of 0.1 s with the recordings' actions"
+    for name, std in (("a", "150 %"), ("b", "123 N")):
+        (row,) = [line for line in lines if line.startswith(f"{name}  ")]
+        numbers = ["100 %", "101 px", "140 px", "120 mm", "250 mm", "lift", std]
+        assert re.split("  +", row)[4:-1] == numbers
+
+
+def test_a_model_that_diverges_is_invalid_input(tmp_path):
+    """Whose stiff spring no timestep of 20 ms endures."""
+    stiff = PENDULUM.replace('name="hinge"', 'name="hinge" stiffness="5e8" springref="60"')
+    (tmp_path / "scene.xml").write_text(stiff)
+    (tmp_path / "tune.toml").write_text(
+        'model = "scene.xml"\ncamera = "front"\ncontrol_timestep_s = 0.08\nepisode_steps = 15\n'
+        "[[parameters]]\nname = 'mass'\nkind = 'mass'\nobjects = 'arm'\n"
+    )
+    config = CheckConfig(task=str(tmp_path / "tune.toml"), episodes=1)
+    with pytest.raises(InputError, match=r"at least 21; .*diverged.*check the timestep"):
+        check(config)
 
 
 @pytest.mark.thorough

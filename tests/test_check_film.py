@@ -210,7 +210,13 @@ def test_another_scene_and_a_still_film_are_warned_of(library):
             picture[at : at + 16, 30:50] = 140
     (said,) = said_of(other, library)
     assert "another scene" in said
-    assert "shadow" not in said
+    assert said.endswith('where the room around is not in the model, say background = "recording"')
+    comparison = compare(other, library)
+    (said,) = warnings(filmed(other), comparison, camera_moves=True)  # such as a wrist's
+    room = 'where the room around is not in the model, say background = "unknown"'
+    assert said.endswith(f"to each other; {room}")
+    unknown = filmed(other)._replace(view=View("front", background_is_unknown=True))
+    assert warnings(unknown, comparison) == []
     (said,) = warnings(filmed(other, is_plate=True), compare(other, library))
     assert said.endswith("to each other; or something else moves, such as a shadow")
     (said,) = said_of(film[:, :1].repeat(8, 1), library)
@@ -238,11 +244,13 @@ def test_a_library_is_of_worlds_that_play_the_actions(monkeypatch):
     (library,) = make_libraries(simulator, actions, seed=0)
     assert library.frames.shape == (32, 24, SIZE, SIZE, 3)
     assert len(np.unique(library.worlds)) == 32
-    film = np.stack([library.frames[3, ::3], library.frames[8, ::3]])
+    worlds = np.arange(0, 32, 5)
+    film = library.frames[worlds, ::3]
     comparison = compare(film, library)
     assert warnings(filmed(film), comparison) == []
-    found = comparison.nearest == np.array([[3], [8]]) * 24 + np.arange(0, 24, 3)
-    assert found.mean() > 0.5  # others look the same, or nearly so: colours do not count
+    found = comparison.nearest == 24 * worlds[:, None] + np.arange(0, 24, 3)
+    # .48 to .64 by seeds 0 to 3: others look the same, or nearly so, as colours do not count
+    assert found.mean() > 0.4
     other = make_task("other", PENDULUM.replace("0 -6.0 0", "0 -4 0"), list(task.parameters))
     monkeypatch.setattr("simtune.checking.film.library._WORLDS", 8)
     (near,) = make_libraries(other.simulator(image_size=SIZE), actions, seed=1)

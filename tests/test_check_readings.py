@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 from unittest.mock import MagicMock
 
 import mujoco
@@ -19,7 +19,12 @@ from servo_arm import write_arm
 from simtune import cli
 from simtune.checking import check, table
 from simtune.checking.reading_errors import of_recorded, of_simulated
-from simtune.checking.readings import look_at_servos, read_episodes, reading_changes
+from simtune.checking.readings import (
+    ReadEpisodes,
+    look_at_servos,
+    read_episodes,
+    reading_changes,
+)
 from simtune.checking.servos.commands import commands_of, servos_of
 from simtune.checking.servos.joint_ranges import beyond_ranges
 from simtune.config import CheckConfig, TuneConfig
@@ -196,6 +201,25 @@ def test_how_large_actions_are_is_told_where_every_episode_diverges(blind):
         ReplayedReadings(simulator, seen, blind.parameters.nominal, actions)
 
 
+@pytest.mark.parametrize("num", [0, 1])
+def test_a_model_that_diverges_of_itself_is_not_asked_for_the_unit_of_its_actions(tmp_path, num):
+    motor = '<motor name="push" joint="slide"/>' * num
+    (tmp_path / "scene.xml").write_text(
+        '<mujoco><option timestep="0.1"/><worldbody><body><joint name="slide" type="slide"/>'
+        '<joint name="hinge" stiffness="1e9" ref="1" springref="3"/>'
+        f'<geom size=".1" pos=".1 0 0"/></body></worldbody><actuator>{motor}</actuator></mujoco>'
+    )
+    (tmp_path / "tune.toml").write_text(
+        'model = "scene.xml"\ncontrol_timestep_s = 0.1\n[[sensors]]\nname = "s"\n'
+        'joints = "slide"\nunit = "m"\n[[parameters]]\nname = "d"\nkind = "damping"\n'
+        'objects = "slide"\nnominal = 1\n'
+    )
+    task = load_task(str(tmp_path / "tune.toml"))
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    with pytest.raises(RuntimeError, match="diverged, without any action: the timestep may be"):
+        ReplayedReadings(simulator, seen, task.parameters.nominal, np.zeros((1, 40, num)))
+
+
 def test_twice_the_noise_tells_a_quarter(blind):
     simulator, space = blind.simulator(image_size=16), blind.parameters
     seen = observed(blind, None, is_simulated=True)
@@ -349,10 +373,18 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     )
     ended = MagicMock(num_rounds=1, wall_s=0.0)
     ended.__enter__.return_value = ended
+    asked_s = []
+
+    def look_in_time(*given: Any) -> ReadEpisodes:
+        asked_s.append(given[-1])
+        return look_at_servos(*given)
+
+    monkeypatch.setattr("simtune.checking.expected_precision.look_at_servos", look_in_time)
     monkeypatch.setattr("simtune.tuning_run.build_experiment", lambda *_: begun)
     monkeypatch.setattr("simtune.tuning_run.Run", lambda *_: ended)
     tune(config, settings=cast(Settings, object()))
     _, found, warnings, _ = ended.finish.call_args.args
+    assert asked_s == [0.05 * 60 * config.budget_minutes]  # for mistakes in readings
     assert "servo_gain" in found["check"]
     gap, film, lost, said = warnings
     assert (gap, film) == ("a gap", "a film")
@@ -409,6 +441,7 @@ def test_an_episode_that_broke_off_is_warned_of(blind, tmp_path, steps):
     assert set(result["servos"]) == {"elbow"}
     (said,) = [warning for warning in result["warnings"] if "leave it out" in warning]
     assert f"episode 1 has {steps} steps: `simtune tune` needs at least 8" in said
+    assert (result["episodes"], result["steps"]) == (1, NUM_STEPS)
 
 
 def test_recordings_without_an_episode_that_is_long_enough_are_refused(blind, tmp_path):

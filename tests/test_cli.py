@@ -24,7 +24,7 @@ import pytest
 import torch
 
 from simtune import cli
-from simtune.cli import commands
+from simtune.cli import commands, program
 from simtune.cli.parse import parse
 from simtune.cli.run_commands import _print_result
 from simtune.config import TuneConfig
@@ -332,6 +332,23 @@ def test_an_out_that_cannot_be_used_is_refused(simtune, tmp_path, quick_commands
         simtune.refuses("tune", "cartpole", "--out", out, *few, message=message)
 
 
+def test_what_a_library_warns_of_is_printed_once(capsys):
+    tell = program._TellOnce()
+    for message in ("attribute 'x' is\n deprecated", "another", "attribute 'x' is deprecated"):
+        tell(UserWarning(message), UserWarning, "model.py", 11)
+    printed = capsys.readouterr()
+    assert printed.err == "warning: attribute 'x' is deprecated\nwarning: another\n"
+    assert printed.out == ""
+
+
+@pytest.mark.parametrize("module", ["report", "export", "sweep", "compare", "figures"])
+def test_commands_that_learn_nothing_load_no_torch(module):
+    """It takes seconds."""
+    code = f"import sys, simtune.{module}; print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.stdout == "False\n", done.stderr
+
+
 def test_what_a_tuning_file_has_wrong_is_said_before_torch_is_loaded(tmp_path):
     (tmp_path / "wrong.toml").write_text("model = 3")
     code = """if True:
@@ -356,9 +373,18 @@ def test_what_a_tuning_file_has_wrong_is_said_before_torch_is_loaded(tmp_path):
 
 
 def test_what_reads_finished_runs_does_not_load_torch():
-    code = "import simtune.report, simtune.compare, sys; print('torch' in sys.modules)"
+    code = "import simtune.report.page, simtune.compare, sys; print('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.stdout == "False\n", done.stderr
+
+
+def test_to_compare_runs_loads_nothing_that_draws_or_simulates():
+    code = (
+        "import simtune.compare, sys\n"
+        "print([m for m in ('matplotlib', 'jinja2', 'mujoco', 'av', 'torch') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "[]\n", done.stderr
 
 
 # --- what fails ---------------------------------------------------------------------------

@@ -170,7 +170,7 @@ def test_parameter_without_information_stays_unknown():
     flat = np.tile((1 - candidate_grid()).clip(0, 1), (2, 1))
     in_range = std / (space.to_unit(first.high) - space.to_unit(first.low))
     curves = with_fit(flat, np.full(2, 0.5), in_range, RangeUpdateConfig().posterior_net_weight)
-    estimate = read_curves(curves, first, first, RangeUpdateConfig())
+    estimate = read_curves(curves, first, first)
     assert estimate.verdict == ["identified", "not identifiable"]
     assert estimate.low[1] <= first.low[1]
     assert estimate.high[1] >= first.high[1]

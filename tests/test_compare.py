@@ -35,7 +35,7 @@ def a_run(path: Path, mean: np.ndarray, space: ParameterSpace = SPACE, **facts) 
     curves = with_fit(
         np.clip(1 - grid, 0, 1), mean, np.full(len(space), STD), config.posterior_net_weight
     )
-    estimate = read_curves(curves, first, first, config)
+    estimate = read_curves(curves, first, first)
     joint = Joint.of(estimate, space)
     facts = {"task": "finger", "method": "autotune", "search": "posterior", "seed": 0} | facts
     result = outcome.result(facts, space, space.nominal, estimate, None)

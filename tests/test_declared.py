@@ -16,7 +16,7 @@ from simtune.experiment import outcome
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.run import Run
 from simtune.parameters import ParameterSpace
-from simtune.real.choose import read_parameters
+from simtune.parameters.values_file import read_parameters
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 CART = EXAMPLES / "cart_pendulum"

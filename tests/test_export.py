@@ -22,13 +22,14 @@ from simtune.errors import InputError
 from simtune.experiment import outcome
 from simtune.export import export, summary
 from simtune.parameters import ModelWriter
+from simtune.parameters.values_file import read_parameters
+from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
-from simtune.real.choose import read_parameters
 from simtune.run.files import write_json
 from simtune.run.sources import keep_sources
 from simtune.tasks import TASKS, load_task
 from simtune.tuning.joint import Joint
-from simtune.tuning.range_update import RangeUpdateConfig, read_curves
+from simtune.tuning.range_update import read_curves
 from simtune.tuning.survival_curves import candidate_grid
 
 # Meshes and a texture from files, two of the same name; a delay, a turn, gravity, a factor on two.
@@ -395,12 +396,10 @@ def a_run_with_a_posterior(path: Path, task_name: str) -> tuple[Path, Joint]:
     curves = np.repeat(ndtr((0.5 - grid) / 0.05)[None], len(space), 0)
     correlation = np.eye(len(space))
     correlation[0, 1] = correlation[1, 0] = -0.9
-    estimate = replace(
-        read_curves(curves, first, first, RangeUpdateConfig()), correlation=correlation
-    )
+    estimate = replace(read_curves(curves, first, first), correlation=correlation)
     joint = Joint.of(estimate, space)
     write_json(run / "curves.json", outcome.curves(estimate))
-    draws = joint.draw(50, np.random.default_rng(3))  # the run's seed
+    draws = joint.draw(50, stream(3, Purpose.POSTERIOR))  # the run's seed
     np.savez(run / "posterior.npz", names=space.names, draws=draws, correlation=correlation)
     return run, joint
 

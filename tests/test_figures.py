@@ -151,10 +151,36 @@ def test_a_truth_near_zero_counts_as_a_hundredth_of_the_bound(tmp_path):
     path = make_run(tmp_path)
     result = json.loads((path / "result.json").read_text())
     result["parameters"]["mass"] |= {"real": 0.0, "initial": 0.1}
-    result["covariance"] = {"coordinates": [{"name": "mass", "high": 2.0}]}
+    bounds = {"name": "mass", "low": -4.0, "high": 2.0}
+    result["covariance"] = {"coordinates": [bounds]}
     (path / "result.json").write_text(json.dumps(result))
     (record,) = read_records(tmp_path)[0]
-    assert record.percent_errors()[0] == (0, pytest.approx(100 * 0.1 / 0.02))
+    assert record.percent_errors()[0] == (0, pytest.approx(100 * 0.1 / 0.04))
+
+
+def test_a_truth_of_zero_without_bounds_counts_as_its_result_scored_it(tmp_path):
+    """As of the paper's search, which has no covariance."""
+    path = make_run(tmp_path)
+    result = json.loads((path / "result.json").read_text())
+    mass = result["parameters"]["mass"]
+    mass |= {"real": 0.0, "initial": 0.1, "percent_error": 100 * mass["mean"] / 0.04}
+    (path / "result.json").write_text(json.dumps(result))
+    (record,) = read_records(tmp_path)[0]
+    assert record.percent_errors()[0] == (0, pytest.approx(100 * 0.1 / 0.04))
+    mass |= {"mean": 0.0, "percent_error": 0.0}  # divided by who knows what
+    (path / "result.json").write_text(json.dumps(result))
+    (record,) = read_records(tmp_path)[0]
+    assert record.percent_errors() == []
+    result["parameters"]["size"] = {"initial": 2.0, "mean": 1.0, "real": 1.0, "percent_error": 0.0}
+    (path / "result.json").write_text(json.dumps(result))
+    (record,) = read_records(tmp_path)[0]
+    assert record.percent_errors()[0] == (0, pytest.approx(100))
+
+
+def test_config_json_without_options_is_damaged(tmp_path):
+    (make_run(tmp_path) / "config.json").write_text('{"config": []}')
+    with pytest.raises(InputError, match=r"is damaged: .*no options of a run"):
+        read_records(tmp_path)
 
 
 def test_unfinished_runs_and_pilots_are_left_out(tmp_path):
@@ -249,6 +275,15 @@ def test_searches_are_methods_and_what_differs_twice_is_counted(tmp_path):
     ]
     assert usual.num_others == 1
     assert pretrained.key == "ball_in_cup-sim-to-real"
+
+
+def test_the_oracle_is_its_own_measure_whatever_one_seed_earns(tmp_path):
+    for seed, earned in enumerate([700, 700, 700, 700, 10]):
+        make_run(tmp_path, "oracle", seed, returned=earned)
+    (setting,) = found(tmp_path)
+    (row,) = rows(setting)
+    assert row.of_oracle is not None
+    assert row.of_oracle.mean == pytest.approx(1)
 
 
 def test_shares_of_the_oracle_by_hand(tmp_path):

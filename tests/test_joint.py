@@ -12,7 +12,7 @@ from simtune.randomization import Distribution
 from simtune.tuning.combinations import combinations
 from simtune.tuning.estimate import Estimate, unsure
 from simtune.tuning.joint import Joint
-from simtune.tuning.range_update import RangeUpdateConfig, read_curves
+from simtune.tuning.range_update import read_curves
 from simtune.tuning.survival_curves import candidate_grid, quantile
 from simtune.tuning.truncated_normal import draw_beside, draw_in_box
 
@@ -67,7 +67,7 @@ def normal_curves(mean, std) -> np.ndarray:
 
 def joint_of(mean, std, correlation=CORRELATION) -> tuple[Joint, Estimate, np.ndarray]:
     curves = normal_curves(mean, std)
-    estimate = read_curves(curves, FIRST, FIRST, RangeUpdateConfig())
+    estimate = read_curves(curves, FIRST, FIRST)
     estimate = replace(estimate, correlation=correlation)
     return Joint.of(estimate, SPACE), estimate, curves
 

@@ -12,6 +12,7 @@ from simtune.fit import Observed, Physics
 from simtune.fit.motion.offsets import has_unknown_offsets, loosened, without_offsets
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
+from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.normal_equations import explained_by_starts
 from simtune.fit.readings.residuals import correlation_times, spread
 from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
@@ -193,6 +194,24 @@ def test_an_encoders_offset_is_found_by_what_pictures_show(simulator):  # noqa: 
     np.testing.assert_allclose(offsets, [0.02, -0.06], atol=0.006)
     left = corrected.evidence.parts[1].typical_distance(seen[..., -2:])
     assert left < 3 * noise
+
+
+def test_of_two_encoders_of_a_joint_the_last_one_corrects_it(simulator):  # noqa: F811
+    """On the motor and behind its gears: both say how far a replay is off, it is moved once."""
+    motors = sensor_of(joints=("slider", "hinge_1"))
+    one = {"columns": ("c",), "places": np.array([1]), "factor": np.ones(1), "shift": np.zeros(1)}
+    link = sensor_of(name="link", joints=("hinge_1",), **one)
+    observe = ObservationModel.of_simulator((motors, link)).observe_beside()
+    start = simulator.begin(SPACE.nominal[None], np.random.default_rng(0)).states[0, 0]
+    measured = MeasuredStates(Physics(simulator, observe, start), (motors, link))
+    states = np.ones((1, 2, simulator.model.nq + simulator.model.nv))
+    change = np.tile([0.01, 0.02, 0.03], (1, 2, 1))
+    moved = measured.corrected(states, change, 0.1 * change) - 1
+    nq, step_s = simulator.model.nq, simulator.step_s
+    np.testing.assert_allclose(moved[..., [0, 1]], [[[0.01, 0.03]] * 2], atol=1e-12)
+    speeds = [[[0.001 / step_s, 0.003 / step_s]] * 2]
+    np.testing.assert_allclose(moved[..., [nq, nq + 1]], speeds, atol=1e-12)
+    assert (states == 1).all()
 
 
 def test_a_change_counts_by_how_well_another_one_agrees():

@@ -1,14 +1,18 @@
 """A rotary pendulum, driven by a motor: mistakes in its recordings that short replays tell."""
 
-from dataclasses import replace
+import time
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 import pytest
 
-from simtune.checking.mistakes import misread as misread_
-from simtune.checking.mistakes.changes import changes
-from simtune.checking.mistakes.misread import _Found, _in_time, _in_words, misread
+from simtune.budget import Budget
+from simtune.checking import expected_precision
+from simtune.checking.mistakes.changes import ZERO, changes
+from simtune.checking.mistakes.explained import Found, in_words
+from simtune.checking.mistakes.misread import Trying, misread
+from simtune.checking.mistakes.short_replays import ShortReplays
 from simtune.checking.readings import look_at_servos
 from simtune.fit import Readings
 from simtune.real.observed import observed
@@ -80,6 +84,14 @@ def changed(factor=(1.0, 1.0), shift=(0.0, 0.0), push: float = 1.0) -> Readings:
     return Readings(push * right.actions, right.values * factor + shift)
 
 
+def trajectories(readings: Readings) -> list[Trajectory]:
+    frames = np.zeros((STEPS + 1, 0, 0, 3), np.uint8)
+    return [
+        Trajectory(frames, actions.astype(np.float32), STEP_S, {"encoders": values})
+        for actions, values in zip(readings.actions, readings.values, strict=True)
+    ]
+
+
 @pytest.fixture
 def few_delays(monkeypatch):
     """Actions are a step late in `recorded`: longer delays would be tried, and take longest.
@@ -108,16 +120,70 @@ def test_one_mistake_is_told(tmp_path, mistake, expected):
     assert ": then replays of 0.25 s end " in said
 
 
-@pytest.mark.usefixtures("few_delays")
-def test_on_a_slow_machine_a_few_pieces_tell_which_changes_are_tried(tmp_path, monkeypatch):
-    monkeypatch.setattr(misread_, "_MOST_S", 0.0)
-    for mistake, expected in (
+@dataclass
+class Clock:
+    """It goes on by a second with each replay of all pieces, at one delay; counts these."""
+
+    now_s: float = 0.0
+    whole: int = 0
+
+
+@pytest.fixture
+def clock(few_delays, monkeypatch) -> Clock:
+    its, left = Clock(), ShortReplays._left
+
+    def slow_left(replays, readings, num_pieces):
+        its.now_s += num_pieces / replays.num_pieces
+        its.whole += num_pieces == replays.num_pieces
+        return left(replays, readings, num_pieces)
+
+    monkeypatch.setattr(time, "monotonic", lambda: its.now_s)
+    monkeypatch.setattr(ShortReplays, "_left", slow_left)
+    return its
+
+
+@pytest.mark.parametrize(
+    ("mistake", "expected"),
+    [
         ({"factor": (1, -1)}, "pendulum seems to be read with a reversed sign"),
         ({"push": -1.0}, "motor seems to push the other way"),
-    ):
-        (said,) = misread(changed(**mistake), *seen_in(tmp_path))
-        assert said.startswith(expected)
-    assert misread(recorded(), *seen_in(tmp_path)) == []
+        ({}, None),
+    ],
+)
+def test_on_a_slow_machine_a_few_pieces_tell_which_changes_are_tried(
+    tmp_path, clock, mistake, expected
+):
+    """A change takes two seconds, and is tried with two delays; so are twelve other sizes."""
+    simulator, seen = seen_in(tmp_path)
+    said = misread(changed(**mistake), simulator, seen, 60.0)
+    assert [its.startswith(expected) for its in said] == [True] * len(mistake)
+    num = len(changes(simulator, seen))
+    assert clock.whole < 2 * (1 + 12 + num)
+    assert clock.now_s <= 60
+
+
+@pytest.mark.parametrize(
+    "most_s", [0.0, 30.0, 75.0, pytest.param(180.0, marks=pytest.mark.thorough)]
+)
+def test_two_mistakes_are_looked_for_as_long_as_there_is_time(tmp_path, clock, most_s):
+    said = misread(changed(push=-1.0, shift=(0, np.pi)), *seen_in(tmp_path), most_s)
+    assert clock.now_s <= max(2.0, most_s)
+    assert bool(said) == (most_s > 50)
+    assert ("motor seems" in "".join(said)) == (most_s > 130)
+
+
+def test_no_size_is_tried_twice(tmp_path, clock):
+    """The readings as they are, twelve other sizes, all changes, and no actions at all."""
+    simulator, seen = seen_in(tmp_path)
+    assert misread(recorded(), simulator, seen, 1000.0) == []
+    assert clock.whole <= 2 * (1 + 12 + len(changes(simulator, seen)) + 1)
+
+
+def test_a_caller_chooses_how_long(tmp_path, clock):
+    simulator, seen = seen_in(tmp_path)
+    episodes = trajectories(changed(push=-1.0))
+    assert look_at_servos(episodes, simulator, seen, most_s=20.0).misread == []
+    assert expected_precision.expected_precision(simulator, seen, episodes, 0, (), 20.0)
 
 
 @pytest.mark.usefixtures("few_delays")
@@ -180,12 +246,7 @@ def test_joints_that_servos_move_are_left_to_their_commands(tmp_path):
 
 @pytest.mark.usefixtures("few_delays")
 def test_check_tells_it(tmp_path):
-    readings, (simulator, seen) = changed(push=-1.0), seen_in(tmp_path)
-    frames = np.zeros((STEPS + 1, 0, 0, 3), np.uint8)
-    episodes = [
-        Trajectory(frames, actions.astype(np.float32), STEP_S, {"encoders": values})
-        for actions, values in zip(readings.actions, readings.values, strict=True)
-    ]
+    (simulator, seen), episodes = seen_in(tmp_path), trajectories(changed(push=-1.0))
     (said,) = look_at_servos(episodes, simulator, seen).misread
     assert said.startswith("motor seems to push the other way")
     right = [replace(episode, actions=-episode.actions) for episode in episodes]
@@ -201,21 +262,27 @@ def test_short_episodes_are_replayed_as_far_as_they_go(tmp_path, steps):
 
 
 def test_no_more_changes_are_tried_than_there_is_time_for(tmp_path):
+    """A third of it for each of three mistakes."""
     tried = changes(*seen_in(tmp_path))
-    assert _in_time(tried, 0.01) == tried
-    some = _in_time(tried, 1.5)
+
+    def affordable(each_s: float):
+        return Trying(Budget(60.0), 7 * each_s, each_s).affordable(tried)
+
+    assert affordable(0.01) == tried
+    some = affordable(1.5)
     assert 0 < len(some) < len(tried)
     assert not any(change.shift.any() for change in some)
-    assert _in_time(tried, 30.0) == some
+    assert affordable(30.0) == some
 
 
 @pytest.mark.usefixtures("few_delays")
 def test_a_zero_after_a_reversed_sign_is_what_was_measured(tmp_path):
     """It reads −angle + .8, so .8 where the joint is at 0."""
-    said = _in_words({"the zero is {zero:.2f}": _Found(0.8, []), "b": _Found(0.0, ["b", "c"])})
-    assert said == "the zero is 0.80, and b, or c"
-    both = {"b": _Found(0.0, ["b", "c"]), "c": _Found(0.0, ["c", "b"])}
-    assert _in_words(both) == "b, and c"
+    zero = f"the zero of {{0}} is {ZERO}"  # a name may have braces
+    said = in_words({zero: Found(0.8, []), "{b}": Found(0.0, ["{b}", "c"])})
+    assert said == "the zero of {0} is 0.80, and {b}, or c"
+    both = {"b": Found(0.0, ["b", "c"]), "c": Found(0.0, ["c", "b"])}
+    assert in_words(both) == "b, and c"
     (said,) = misread(changed(factor=(1, -1), shift=(0, 0.8)), *seen_in(tmp_path))
     zero = float(said.split("zero of pendulum seems to be ")[1].split()[0])
     assert zero == pytest.approx(0.8, abs=0.2)

@@ -1,12 +1,14 @@
 """Recordings of motors whose commands take effect late, and which were off before."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
+import pytest
 
 from simtune.before_after.readings import Tuned, replay
-from simtune.evaluation.replay import better_in
+from simtune.evaluation.replay import better_in, only_early
 from simtune.fit import Readings
 from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.whole_episodes import replay_whole
@@ -41,6 +43,7 @@ offset = 0
 name = "kv"
 kind = "gain"
 objects = "motor"
+high = 1000
 """
 
 
@@ -99,3 +102,28 @@ def test_what_comes_before_late_actions_is_neither_replayed_nor_scored(tmp_path)
     assert better_in(found) == {"wheel": 1}
     longer = Tuned(nominal, {}, latency_steps=STEPS + 5)  # than the episode
     assert np.isnan(replay(simulator, seen, [episode], nominal, longer).after).all()
+
+
+@pytest.mark.filterwarnings("error")  # numpy's on means of nothing
+def test_a_replay_that_diverges_is_counted_not_scored(tmp_path):
+    """Before tuning, so stiff a motor is unstable at the model's timestep."""
+    task, (actions, values) = write(tmp_path), late_wheel()
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    frames = np.zeros((STEPS + 1, 0, 0, 3), np.uint8)
+    episode = Trajectory(frames, actions[0].astype(np.float32), 0.04, {"wheel": values[0]})
+    nominal, stiff = task.parameters.nominal, task.parameters.nominal * 1e4
+    found = replay(simulator, seen, [episode], stiff, Tuned(nominal, {}, latency_steps=LATE))
+    assert (found.diverged_before, found.diverged) == ((0,), ())
+    its = found.scores()["wheel"]
+    assert its["rms_before"] is None
+    assert its["rms"] < 1e-3
+    assert its["diverged_before"] == 1
+    assert "diverged" not in its
+    assert better_in(found) == {"wheel": 1}
+    assert np.isnan(found.curves()["sensors"]["wheel"]["before"]).all()
+    lost = replay(simulator, seen, [episode], nominal, Tuned(stiff, {"wheel": 0.1}))
+    assert (lost.diverged_before, lost.diverged) == ((), (0,))
+    assert lost.scores()["wheel"]["rms"] is None
+    assert better_in(lost) == {"wheel": 0}
+    assert only_early(lost) == []  # it has another reason
+    assert only_early(replace(lost, diverged=())) == ["wheel"]

@@ -42,6 +42,12 @@ def test_medians_and_how_long_a_part_is_followed_by_hand():
     assert scores["pictures_along"] is None
 
 
+def test_how_long_a_part_is_followed_counts_pictures_that_do_not_show_it():
+    off = np.repeat([0, 1, 5, 6, 7], 2) * np.tile([1, np.nan], 5)  # is seen in every other one
+    (scores,) = parts_of([0] * 10, off).scores().values()
+    assert scores["pictures_along"] == 4
+
+
 def test_a_part_is_off_by_what_its_seen_keypoints_are():
     detected = np.array([[[0, 0], [0, 0], [5, 5]], [[np.nan] * 2, [0, 0], [np.nan] * 2]], float)
     simulated = np.array([[[3, 4], [0, 0], [5, 5]], [[9, 9], [0, 2], [5, 5]]], float)

@@ -20,9 +20,9 @@ from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchPar
 from simtune.search_param_model.windows import Windows, split
 from simtune.simulation import Points, Rollouts, Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning import SearchContext
 from simtune.tuning.mean_update import approach, shift_mean
 from simtune.tuning.paper import PaperSearch
+from simtune.tuning.search import SearchContext
 
 SIZE = 20
 SMALL = PaperConfig(

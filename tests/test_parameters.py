@@ -590,6 +590,22 @@ class TestMessages:
             writer.write_batch(Batch(model, 3, 1), np.ones(n))
 
 
+def test_a_sum_is_shared_as_before_and_of_one_object_is_its_own():
+    model = make_model()
+    for objects, size, expected in (
+        (("lower",), 0.06, [0.06]),
+        (("upper", "lower"), 0.18, [0.1, 0.08]),
+    ):
+        at = [model.geom(name).id for name in objects]
+        bounds = {"nominal": model.geom_size[at, 0].sum(), "low": 0.01, "high": 1.0, "unit": "m"}
+        rope = Parameter(
+            name="r", field="geom_size", objects=objects, component=0, is_sum=True, **bounds
+        )
+        written = copy.copy(model)
+        ModelWriter(ParameterSpace([rope]), model).write(written, np.array([size]))
+        np.testing.assert_allclose(written.geom_size[at, 0], expected)
+
+
 def test_masks_of_no_parameters_are_masks():
     space = ParameterSpace([])
     for mask in ("is_log", "is_colour", "is_visible", "is_appearance", "is_delay"):

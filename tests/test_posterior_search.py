@@ -21,14 +21,16 @@ from simtune.real.truth import Truth
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning import SearchContext, familiarity, make_search
+from simtune.tuning import familiarity
 from simtune.tuning.detected import Detected
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.learning import LearningResult
+from simtune.tuning.make_search import make_search
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.search import Callbacks, Event, Round
+from simtune.tuning.rounds import RoundTime
+from simtune.tuning.search import Callbacks, Event, Round, SearchContext
 from simtune.vision.keypoints import find_keypoints
 
 
@@ -352,7 +354,7 @@ def test_what_had_no_time_in_one_round_is_told_of_that_round_only():
     search._earlier, search._times = EarlierRounds(None, fitted), None
     told = SimpleNamespace(warnings=[], fit=lambda *_: None)
     search._readings_first = cast(Any, told)
-    search._plan = lambda real, budget: (budget, True)
+    search._plan = lambda real, budget: RoundTime(budget, True, budget)
     search._learn = lambda *_: (cast(Any, SimpleNamespace(searched=None)), {})
     search._judge = lambda *_: (cast(Any, search._earlier.estimate), np.zeros(0))
 

@@ -68,7 +68,7 @@ def test_independent_errors_widen_a_curve_as_variances_add():
 
 def test_a_curve_at_the_edge_of_what_networks_saw_is_not_called_identified():
     curves = normal_curves(np.array([0.5, 1.02]), np.array([0.01, 0.01]))
-    read = read_curves(curves, FIRST, FIRST, CONFIG)
+    read = read_curves(curves, FIRST, FIRST)
     assert read.verdict == ["identified", "identified"]
     _, events = update_range(curves, FIRST, FIRST, CONFIG)
     doubted = doubted_at_edges(read, events)
@@ -138,7 +138,7 @@ def test_shortest_interval_reaches_the_bound_at_which_the_truth_may_lie():
 
 
 def test_estimate_reads_curves_along_each_parameters_scale():
-    estimate = read_curves(logistic([0.75, 1.0], 0.005), FIRST, FIRST, CONFIG)
+    estimate = read_curves(logistic([0.75, 1.0], 0.005), FIRST, FIRST)
     np.testing.assert_allclose(estimate.mean, [0.75, 3.0], rtol=1e-3)
     tail = 0.005 * np.log(19)
     np.testing.assert_allclose(estimate.low, [0.75 - tail, 3 * 9**-tail], rtol=5e-3)
@@ -156,9 +156,7 @@ def test_estimate_reads_curves_along_each_parameters_scale():
 @pytest.mark.parametrize("std", [2e-4, 2e-3])
 def test_a_sharp_fit_is_read_as_it_is(std, share):
     mean = 0.75 + share * (GRID[1] - GRID[0]) * np.ones(2)
-    estimate = read_curves(
-        with_fit(flat(), mean, np.full(2, std), NET_WEIGHT), FIRST, FIRST, CONFIG
-    )
+    estimate = read_curves(with_fit(flat(), mean, np.full(2, std), NET_WEIGHT), FIRST, FIRST)
     found = [FIRST.to_range_unit(v)[0] for v in (estimate.low, estimate.mean, estimate.high)]
     # The posterior network's few percent lie beside it, and widen it.
     middle, width = found[1], found[2] - found[0]
@@ -169,7 +167,7 @@ def test_a_sharp_fit_is_read_as_it_is(std, share):
 
 def test_estimates_stay_within_the_bounds():
     for location in (-4.0, 5.0):
-        estimate = read_curves(logistic([location, location], 0.05), FIRST, FIRST, CONFIG)
+        estimate = read_curves(logistic([location, location], 0.05), FIRST, FIRST)
         for values in (estimate.mean, estimate.low, estimate.high):
             np.testing.assert_array_equal(values, SPACE.clip(values))
 
@@ -181,7 +179,6 @@ def test_interval_of_a_fit_beyond_the_grid_reaches_the_bound():
         with_fit(posterior_net, mean, np.array([0.005, 0.025]), NET_WEIGHT),
         FIRST,
         FIRST,
-        CONFIG,
     )
     assert estimate.verdict == ["identified", "not identifiable"]
     assert estimate.low[1] <= 3**1.6 <= estimate.high[1] == 100
@@ -189,7 +186,6 @@ def test_interval_of_a_fit_beyond_the_grid_reaches_the_bound():
         with_fit(posterior_net, 1 - mean, np.full(2, 0.025), NET_WEIGHT),
         FIRST,
         FIRST,
-        CONFIG,
     )
     assert below.low[1] == 0.01
     assert below.low[1] <= 3**-1.6 <= below.high[1]
@@ -205,13 +201,13 @@ def test_range_widens_to_a_fit_beyond_its_edge_though_the_posterior_network_is_f
 
 def test_verdicts_go_by_the_interval_within_the_first_range():
     def verdicts(scale: float, distribution: Distribution = FIRST) -> list[str]:
-        return read_curves(logistic([0.5, 0.5], scale), distribution, FIRST, CONFIG).verdict
+        return read_curves(logistic([0.5, 0.5], scale), distribution, FIRST).verdict
 
     # The 90 % interval is 2·log(19)·scale = 5.9·scale, of a range that is 1 wide.
     assert verdicts(0.95 * IDENTIFIED_SHARE / 5.9) == ["identified"] * 2
     assert verdicts(1.05 * IDENTIFIED_SHARE / 5.9) == ["weak"] * 2
     assert verdicts(0.95 * WEAK_SHARE / 5.9) == ["weak"] * 2
-    assert read_curves(flat(), FIRST, FIRST, CONFIG).verdict == ["not identifiable"] * 2
+    assert read_curves(flat(), FIRST, FIRST).verdict == ["not identifiable"] * 2
     # The same curve within a tenth of the first range is ten times as narrow.
     tenth = narrowed_to([0.45, 3**-0.1], [0.55, 3**0.1])
     assert verdicts(2.5 * IDENTIFIED_SHARE / 5.9, tenth) == ["identified"] * 2
@@ -312,7 +308,7 @@ def test_any_curves_leave_a_range_that_can_be_searched():
                 * logistic(rng.normal(0.5, 0.75, 2), 10 ** rng.uniform(-4, 0, 2) / 2)
                 for k in range(3)
             )
-            estimate = read_curves(curves, distribution, FIRST, CONFIG)
+            estimate = read_curves(curves, distribution, FIRST)
             assert (estimate.low <= estimate.mean).all()
             assert (estimate.mean <= estimate.high).all()
             distribution, events = update_range(curves, distribution, FIRST, CONFIG)

@@ -9,6 +9,7 @@ from functools import cache
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
+from unittest import mock
 
 import av
 import matplotlib.path
@@ -19,16 +20,17 @@ from simtune.api.result import Result
 from simtune.api.table import lines
 from simtune.before_after.moving_parts import MovingParts
 from simtune.before_after.videos import overlay
+from simtune.cli.run_commands import _print_result
 from simtune.errors import InputError
 from simtune.export import summary
 from simtune.report import write_report
-from simtune.report.joint_plots import error_plot, reading_plot
+from simtune.report.joint_plots import _lines, error_plot, reading_plot
 from simtune.report.pair_plots import pair_plot
 from simtune.report.plot import value_axis
 from simtune.report.rank_plots import expected
 from simtune.report.read_run import read_run
 from simtune.report.trust import Pair, mean_error
-from simtune.report.words import interval
+from simtune.report.words import diverging, interval
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.files import write_json
 from simtune.run.folder import RunFolder
@@ -164,7 +166,7 @@ def _built_in_tasks_are_kept():
         return load_any_task(source) if source.endswith(".toml") else kept(source)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("simtune.report.data.load_any_task", load)
+        patch.setattr("simtune.tasks.load_any_task", load)
         yield
 
 
@@ -425,18 +427,73 @@ def test_report_says_what_is_told_of_correlated_parameters(
     assert said in _report(run_path)[1].text
 
 
-def test_report_says_how_far_off_each_moving_part_is_and_which_ends_farther(run_path):
+def test_a_sensor_that_is_read_in_every_few_rows_is_one_line_and_holes_stay_open(readings_run):
+    def lines_of(rows: np.ndarray) -> list[int]:
+        """Numbers of points of the lines of what is measured in these of 200 rows."""
+        measured = np.full(200, np.nan)
+        measured[rows] = 1.0
+        return [len(line) for line in _lines(np.arange(200.0), measured)]
+
+    every = np.arange(1, 200, 3)
+    assert lines_of(every) == [len(every)]
+    assert lines_of(np.flatnonzero(np.arange(200) % 3)) == [133]  # of 20 Hz at 30 Hz
+    assert lines_of(every[(every < 60) | (every > 90)]) == [20, 37]
+    assert lines_of(np.r_[:50, 52:200]) == [50, 148]
+    assert lines_of(np.r_[:50, 55, 60:200]) == [50, 140]
+    assert lines_of(np.r_[7:8]) == lines_of(np.r_[:0]) == []
+    long = np.full(2000, np.nan)
+    long[1::3] = 1.0
+    (line,) = _lines(np.arange(2000.0), long)
+    assert line[0][0] == 1
+    assert line[-1][0] == 1999
+    assert 200 < len(line) < 300
+
+
+def test_report_says_where_replays_diverge(readings_run):
+    def lose(result):
+        result["real_episodes"] = 8
+        result["sensors"]["elbow"] |= {"rms_before": None, "diverged_before": 8}
+        result["sensors"]["wrist"] |= {"rms_before": 0.1, "diverged": 2, "diverged_before": 8}
+
+    _edit(readings_run / "result.json", lose)
+    text = _report(readings_run)[1].text
+    assert "Before tuning, the simulator diverges in every replay: nothing to compare." in text
+    assert "As tuned, the simulator diverges in 2 of 8 replays: not counted." in text
+    assert "5.12 mrad left in all episodes" in text
+    assert "further off" not in text  # 0.75 rad of 0.1, which are other episodes
+    assert diverging({"elbow": {"diverged": 1}}, None) == [
+        "as tuned, the simulator diverges in 1 replay: not counted"
+    ]
+
+
+def test_report_says_how_far_off_each_moving_part_is_and_which_ends_farther(run_path, monkeypatch):
     film = np.zeros((10, 2, 2))
     parts = MovingParts(("ball", "cup"), film, film + 3, film + np.array([[4], [0]]))
     keypoints = {"step_s": 0.1, "keypoints": parts.to_json()}
     write_json(run_path / "replay.json", keypoints)
     _edit(run_path / "result.json", lambda r: r.update(moving_parts=parts.scores()))
-    html, page = _report(run_path)
+    with monkeypatch.context() as patch:
+        decoded = mock.Mock(side_effect=MovingParts.from_json)
+        patch.setattr(MovingParts, "from_json", decoded)
+        html, page = _report(run_path)
+    assert decoded.call_count == 1  # it takes long where films are
     assert "ball 4.24 px 5.66 px 0 s 0 s cup 4.24 px 0 px 0 s to the end" in page.text
     assert "ball ends farther from the video after tuning than before" in page.text
     assert "from where the fit says it began" in page.text
     assert "what the fit is judged by" in page.text
     assert html.count("how far off, before and after") == 2
+    assert "the detector is sure of" not in page.text
+    lost = {"px": None, "px_before": None}
+    for given, says in (
+        (
+            {"ball": parts.scores()["ball"], "cup": lost},
+            "sure of cup in no picture of the video. It",
+        ),
+        ({"ball": lost, "cup": lost}, "sure of ball, cup in no picture of the video. They"),
+    ):
+        _edit(run_path / "result.json", lambda r, given=given: r.update(moving_parts=given))
+        assert f"–: the detector is {says}" in _report(run_path)[1].text
+    _edit(run_path / "result.json", lambda r: r.update(moving_parts=parts.scores()))
     _edit(run_path / "result.json", lambda r: r.update(ranks={}))
     _, page = _report(run_path)
     assert "from where its first pictures look most like the video's" in page.text
@@ -501,7 +558,7 @@ def test_report_shows_what_check_said_beside_what_came_out(run_path):
         (None, False, TIME_IS_OVER, "more minutes"),  # only three known worlds judged it
         (None, False, "all rounds are done", "a known colour: --known-colour"),
         (None, True, "all rounds are done", "more episodes"),
-        ("cup", False, "all rounds are done", "more episodes"),
+        ("ball", False, "all rounds are done", "more episodes"),
     ],
 )
 def test_a_known_colour_is_advised_where_there_is_none_and_time_was_enough(
@@ -541,8 +598,35 @@ def test_a_known_colour_is_called_known_not_found(run_path):
     assert re.search(r"cup_g – [\d.]+ [\d.]+ [\d.]+ – – known ", text)
     assert summary(run_path)[0] == f"{left} of {len(found)} parameters identified"
     assert "known: cup_r, cup_g, cup_b" in summary(run_path)
+    wide = {"interval_share": 0.3, "verdict": "weak"}
+    _edit(run_path / "result.json", lambda r: r["parameters"]["cup_r"].update(wide))
+    assert "cup_r seen in pictures" not in page_of_check(run_path, 1)  # as nobody looked for it
     verdict = json.loads((run_path / "result.json").read_text())["parameters"]["cup_g"]["verdict"]
     assert verdict == "identified"
+
+
+def test_a_known_colour_is_scored_by_nobody(run_path):
+    """It was not searched: no interval of it holds the truth, nor is an estimate exact."""
+    facts = {"known_colour": "cup", "task_content": load_any_task("ball_in_cup").content_hash}
+    _edit(run_path / "config.json", lambda stored: stored["config"].update(facts))
+
+    def miss(result):
+        for name, its in result["parameters"].items():
+            its["real"], its["percent_error"] = its["mean"], 0.0
+            if not name.startswith("cup"):
+                its["real"], its["percent_error"] = 2 * its["high"], 10.0
+
+    _edit(run_path / "result.json", miss)
+    page = _report(run_path)[1].text
+    num = len(PARAMETERS) - 3
+    assert f"0 of {num} intervals hold the truth" in page
+    assert "10.0 % mean error" in page
+    said: list[str] = []
+    _print_result(read_run(run_path).result, run_path, said.append)
+    assert f"0 of {num} intervals hold the truth" in said
+    assert "mean error 10.0 %" in said
+    _edit(run_path / "result.json", lambda r: r["parameters"]["cup_r"].update(real=9.0))
+    assert _report(run_path)[0].count("<b>outside</b>") == num  # of intervals that there are
 
 
 def test_the_numbers_of_one_camera_pose_are_no_pairs(run_path):

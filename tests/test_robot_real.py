@@ -33,7 +33,7 @@ from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
 from simtune.real.robot_file import read_robot
 from simtune.recordings import open_dataset
-from simtune.robot.lerobot import LeRobot
+from simtune.robot.lerobot import LeRobot, make_lerobot
 from simtune.run import checkpoint
 from simtune.run.files import read_json, write_json
 from simtune.simulation import DirectActions, JointActions
@@ -490,6 +490,12 @@ def test_unusable_robot_files(file, old, new, message):
         make_real(file).collect(1)
     assert "\n" not in str(error.value)
     assert not (file.parent / "filmed").exists()
+
+
+def test_a_factory_that_ends_the_program_makes_no_robot(tmp_path):
+    (tmp_path / "leaving.py").write_text("import sys\n\ndef make():\n    sys.exit('no bus')\n")
+    with pytest.raises(InputError, match="leaving:make makes no robot: SystemExit: no bus"):
+        make_lerobot("leaving:make", tmp_path)
 
 
 def test_the_manuals_examples_can_be_read(tmp_path):

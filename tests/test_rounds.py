@@ -176,7 +176,7 @@ def test_a_search_goes_on_where_the_next_round_reaches_farther(simulator, tiny, 
     first = search.distribution
     middle = np.where(np.arange(len(SPACE)) == SPACE.index("pole_mass"), location, 0.5)
     curves = normal_curves(middle, np.full(len(SPACE), 0.01))
-    read = read_curves(curves, first, first, search.config.range_update)
+    read = read_curves(curves, first, first)
     judged = replace(read, ranks={name: [0.5] for name in SPACE.names})
     _, events = search._move(judged, curves, first)
     assert search.stop_reason.startswith(reason)

@@ -5,6 +5,7 @@ import json
 import math
 import os
 import shutil
+import time
 from collections.abc import Callable
 from dataclasses import asdict
 from importlib.metadata import version
@@ -29,6 +30,7 @@ from simtune.run.real_episodes import read_real, write_real
 from simtune.run.sources import source_of
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
+from simtune.tuning.estimate import unsure
 from simtune.tuning.search import Event
 
 CONFIG = {"task": "ball_in_cup", "seed": 1, "out": "a", "spm": {"width": 256, "dropout": 0.5}}
@@ -247,6 +249,32 @@ def test_other_versions_are_reported(path, caplog):
     assert f"torch 1.0 → {version('torch')}" in caplog.text
 
 
+def _an_experiment(path: Path) -> Any:
+    space = load_task("cartpole").parameters
+    return SimpleNamespace(
+        config=SimpleNamespace(out=path),
+        run_config=CONFIG,
+        sources=(),
+        search=SimpleNamespace(distribution=Distribution.first(space, space.nominal)),
+        simulator=SimpleNamespace(num_steps=0, num_diverged=0),
+        load=lambda tensors, state: None,
+    )
+
+
+def test_a_session_counts_from_its_beginning_and_those_before_it_as_well(path):
+    """Libraries are loaded, and the real world is filmed, before a run's folder is opened."""
+    experiment = _an_experiment(path)
+    with Run(experiment, began_s=time.monotonic() - 30) as run:
+        assert run.wall_s == pytest.approx(30, abs=5)
+    estimate = unsure(experiment.search.distribution, "weak").to_json()
+    state = {"step": 1, "rounds": 1, "sim_steps": 0, "num_diverged": 0, "estimate": estimate}
+    with RunFolder.create(path, CONFIG, []) as folder:
+        folder.save_checkpoint({"w": torch.zeros(1)}, state | {"wall_s": 200.0})
+    with Run(experiment, began_s=time.monotonic() - 30) as run:
+        run.resume()
+        assert run.wall_s == pytest.approx(230, abs=5)
+
+
 def test_a_run_that_these_versions_cannot_load_stays_as_another_made_it(path):
     estimate = {"shape": 1}
     state = {"step": 1, "rounds": 1, "sim_steps": 0, "num_diverged": 0, "estimate": estimate}
@@ -254,17 +282,7 @@ def test_a_run_that_these_versions_cannot_load_stays_as_another_made_it(path):
         folder.save_checkpoint({"w": torch.zeros(1)}, state | {"wall_s": 1.0})
     _write_stored(path, lambda stored: stored["versions"].update(torch="1.0"))
     before = (path / "config.json").read_text()
-    space = load_task("cartpole").parameters
-    first = Distribution.first(space, space.nominal)
-    experiment: Any = SimpleNamespace(
-        config=SimpleNamespace(out=path),
-        run_config=CONFIG,
-        sources=(),
-        search=SimpleNamespace(distribution=first),
-        simulator=SimpleNamespace(num_steps=0, num_diverged=0),
-        load=lambda tensors, state: None,
-    )
-    with Run(experiment) as run, pytest.raises(InputError, match="has other fields"):
+    with Run(_an_experiment(path)) as run, pytest.raises(InputError, match="has other fields"):
         run.resume()
     assert (path / "config.json").read_text() == before
 

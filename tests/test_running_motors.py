@@ -15,8 +15,10 @@ from simtune.fit import (
     recorded_loop,
     replay_whole,
 )
+from simtune.fit.readings import recorded_loop as recorded_loop_
 from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.real.observed import observed
+from simtune.simulation import Simulator
 from simtune.tasks import load_task
 
 STEP_S, CUT = 0.02, 37
@@ -78,6 +80,38 @@ def test_a_motor_that_lags_ran_before_if_first_readings_say_so(
     assert loop.physics.simulator is not simulator
     # Not exactly at its first control, which was another one before
     assert astray(loop, cut) < 0.5 * astray(off, cut)
+
+
+def test_the_same_moments_are_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """In a run, by its estimate of the time, its check, its fit and its last replay."""
+    (tmp_path / "scene.xml").write_text(SCENE)
+    (tmp_path / "tune.toml").write_text(TUNE)
+    task = load_task(str(tmp_path / "tune.toml"))
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=False)
+    left = {simulator: 1.0}  # and nothing by motors that ran: which then begin so
+
+    def count(its: Simulator, first: object) -> float:
+        asked.append(its)
+        return left.get(its, 0.0)
+
+    monkeypatch.setattr(recorded_loop_, "_left", count)
+    asked, nominal = list[Simulator](), task.parameters.nominal
+    actions, heights = np.full((2, 60, 1), 0.5), np.zeros((2, 61, 1))
+    heights[:, 3] = np.nan
+    for steps in (60, 40):  # what comes later does not matter
+        readings = Readings(actions[:, :steps].copy(), heights[:, : steps + 1].copy())
+        loop = recorded_loop(simulator, seen, nominal, readings)
+        assert loop.physics.simulator.held.unsettled_s > 0
+        assert len(asked) == 2
+    others = [
+        (task.simulator(image_size=16), seen, nominal, heights),
+        (simulator, observed(task, None, is_simulated=False), nominal, heights),
+        (simulator, seen, 1.1 * nominal, heights),
+        (simulator, seen, nominal, heights + 1e-3),
+    ]
+    for number, (its, model, start, values) in enumerate(others, 2):
+        recorded_loop(its, model, start, Readings(actions, values))
+        assert len(asked) == 2 * number
 
 
 @pytest.mark.parametrize("axis", ["1 0 0", "0 0 1"])

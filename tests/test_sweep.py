@@ -26,7 +26,7 @@ from sweep_driver import STAND_IN, drive_quietly
 from simtune.config import SweepConfig
 from simtune.errors import InputError
 from simtune.experiment import outcome
-from simtune.real.choose import read_parameters
+from simtune.parameters.values_file import read_parameters
 from simtune.real.truth import Truth
 from simtune.recordings import dataset, open_dataset
 from simtune.run.files import write_json
@@ -511,6 +511,15 @@ def test_a_run_of_other_recordings_is_not_taken_for_done(tmp_path, beside, monke
 def test_minutes_of_pilots_go_with_a_dry_run(beside):
     config = SweepConfig(grid=grid(beside, [0]), out=beside / "out", pilot_minutes=5)
     with pytest.raises(InputError, match="--pilot-minutes goes with --dry-run only"):
+        sweep(config, STAND_IN)
+
+
+@pytest.mark.parametrize("minutes", [0.0, -1.0, float("inf"), float("nan")])
+def test_a_pilot_takes_some_minutes_and_ends(beside, minutes):
+    config = SweepConfig(
+        grid=grid(beside, [0]), out=beside / "out", dry_run=True, pilot_minutes=minutes
+    )
+    with pytest.raises(InputError, match="--pilot-minutes: a number above 0"):
         sweep(config, STAND_IN)
 
 

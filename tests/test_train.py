@@ -27,10 +27,10 @@ from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.evaluation.evaluate import _check_unchanged, evaluate, load_trained
-from simtune.experiment.presets import choose_search_settings
 from simtune.experiment.rollout import PolicyWorlds
 from simtune.experiment.run import Run
 from simtune.experiment.schedule import Schedule, fast, paper
+from simtune.experiment.search_settings import choose_search_settings
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.randomization import Distribution

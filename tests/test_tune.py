@@ -15,17 +15,18 @@ import pytest
 from other_keypoints import find_others
 from servo import cartpole_with_servo
 
-from simtune import tuning, tuning_run
+from simtune import tuning_run
 from simtune.before_after import start_search, videos
 from simtune.before_after.start_search import StartSearchConfig
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment import enough_time, outcome
 from simtune.experiment.experiment import build_experiment
-from simtune.experiment.presets import choose_search_settings
+from simtune.experiment.search_settings import choose_search_settings
 from simtune.observation import ObservationModel
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.real.choose import choose_real, read_parameters
+from simtune.parameters.values_file import read_parameters
+from simtune.real.choose import choose_real
 from simtune.real.pseudo import PseudoReal
 from simtune.real.truth import Truth
 from simtune.recordings import decode, write_dataset
@@ -36,6 +37,7 @@ from simtune.tasks import load_task
 from simtune.trajectory import Trajectory, seen_late
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import NUM_DRAWS
+from simtune.tuning.make_search import make_search
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Event, Round, TimeNeeded
@@ -489,7 +491,7 @@ def test_the_truth_is_not_there_during_the_search_and_lies_in_scoring_change_not
             hidden.append((truth, dict(vars(truth))))
             vars(truth).clear()
             truth.digest = hidden[-1][1]["digest"]
-        return tuning.make_search(*given)
+        return make_search(*given)
 
     def show(*given):
         for truth, known in hidden:

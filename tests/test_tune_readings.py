@@ -280,6 +280,7 @@ def test_recordings_are_tuned_to_and_others_replayed(arm: Path, truth: Path, tmp
         assert its["rms_tuned_to"] == result["sensors"][joint]["rms"]
     assert score["far_off"] == score["no_offset"] == []
     assert_another_arm_is_noticed(run, tmp_path / "others")
+    assert_nothing_is_compared_with_what_is_unknown(run, tmp_path / "others")
     assert_a_run_of_video_is_replayed(run, tmp_path / "others", score)
     assert (run / "replay.json").is_file()
     assert (run / "posterior.npz").is_file()
@@ -298,6 +299,17 @@ def assert_another_arm_is_noticed(run: Path, recordings: Path) -> None:
     assert set(swapped["far_off"]) == {"shoulder", "elbow"}
     assert any("of the same robot, with the same columns" in line for line in table(swapped))
     rows.write_bytes(original)
+
+
+def assert_nothing_is_compared_with_what_is_unknown(run: Path, recordings: Path) -> None:
+    """Such as what was left of readings that could never be compared."""
+    known, result = (read_json(run / "result.json") for _ in range(2))
+    result["sensors"]["elbow"]["rms"] = None
+    write_json(run / "result.json", result)
+    sensors = evaluate(EvaluateConfig(run_folder=run, real=recordings))["sensors"]
+    assert "rms_tuned_to" not in sensors["elbow"]
+    assert "rms_tuned_to" in sensors["shoulder"]
+    write_json(run / "result.json", known)
 
 
 def assert_a_run_of_video_is_replayed(run: Path, recordings: Path, score: dict[str, Any]) -> None:
@@ -385,6 +397,9 @@ def test_a_replay_that_tuning_made_worse_is_said_to_be():
     assert both[-1].startswith("warning: after tuning, toe, knee are further off than before")
     falling = table({"sensors": {"knee": worse}, "episodes": 2, "astray": ["knee"]})
     assert not any("further off" in line for line in falling), "such replays say little"
+    hardly = better | {"rms_before": 0.01, "rms": 0.0100001}
+    said = table({"sensors": {"hip": hardly}, "episodes": 2})
+    assert not any("further off" in line for line in said), "as in the report"
     alone = table({"sensors": {"hip": better}, "episodes": 2})
     assert not any("warning" in line for line in alone)
 
@@ -399,6 +414,23 @@ def test_far_more_left_than_of_what_was_tuned_to_is_said():
     said = table({"sensors": sensors, "episodes": 6, "far_off": ["x"], "no_offset": []})
     assert said[-1].startswith("warning: far more is left than of the recordings")
     assert "(x: 0.138 m instead of 0.0003)" in said[-1]
+
+
+def test_what_replays_do_not_tell_is_a_dash():
+    """No number where a replay diverges, or where no reading can be compared."""
+    lost = {"unit": "rad", "rms_before": None, "rms": 0.1, "better_in": 2, "diverged_before": 2}
+    unknown = {"unit": "rad", "rms_before": 0.1, "rms": None, "better_in": 0, "rms_tuned_to": 0.1}
+    assert far_off({"hip": lost | {"rms_tuned_to": None}, "knee": unknown}, {"hip": 1e-3}) == []
+    head, _, hip, knee, *said = table({"sensors": {"hip": lost, "knee": unknown}, "episodes": 2})
+    assert "before and after tuning" in head
+    assert hip.split() == ["hip", "–", "0.1", "rad", "2", "of", "2"]
+    assert knee.split() == ["knee", "0.1", "rad", "–", "0", "of", "2"]
+    assert said == [
+        "note: before tuning, the simulator diverges in every replay: nothing to compare"
+    ]
+    some = lost | {"rms_before": 0.01, "diverged_before": 1}
+    said = table({"sensors": {"hip": some}, "episodes": 2})[3:]
+    assert said == ["note: before tuning, the simulator diverges in 1 of 2 replays: not counted"]
 
 
 def test_replays_that_are_off_by_more_than_readings_travel_are_noted():

@@ -374,17 +374,13 @@ def test_what_is_said_of_a_film_at_odds_with_its_actions():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("flipped", [False, True])
-def test_looking_at_a_film_says_what_explains_it_beside_actions(
-    scene, tmp_path, flipped, small_library
-):
+def test_looking_at_a_film_says_what_explains_it_beside_actions(scene, flipped, small_library):
     frames = scene.film()[..., :: -1 if flipped else 1, :]
     film = CameraFilm("top", np.ascontiguousarray(frames), scene.simulator.views[0], True)
-    config = CheckConfig(task="pusher", pictures=tmp_path / "film.png")
-    looked = (scene.task, scene.simulator, scene.actions, config, None, actions_of(scene))
-    facts, found = look_at([film], *looked)
+    (look,) = look_at([film], scene.simulator, scene.actions, 0, None, actions_of(scene))
     odds = {"framings": ["mirrored left to right"], "reversed": ["the action px"], "actions_of": {}}
-    assert facts["top"]["against_actions"] == (odds if flipped else None)
-    assert any("that play its actions" in said for said in found) == flipped
+    assert look.facts()["against_actions"] == (odds if flipped else None)
+    assert any("that play its actions" in said for said in look.warnings) == flipped
 
 
 # --- a colour over a recorded background --------------------------------------------------

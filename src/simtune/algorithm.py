@@ -48,9 +48,10 @@ def train(
     user typed, to be stored. Raises InputError for invalid input, with nothing written, and
     RuntimeError for what fails on the way.
     """
+    began_s = time.monotonic()
     experiment = build_training(config, report, settings)
     warnings = told(experiment.warnings(experiment.recordings) + experiment.film_warnings())
-    with Run(experiment, report) as run:
+    with Run(experiment, report, began_s) as run:
         training = Training(experiment, run, report)
         training.resume()
         run.folder.write_config()

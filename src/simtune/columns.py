@@ -1,4 +1,4 @@
-"""Plain text: columns, lists that are cut short, numbers of things."""
+"""Plain text: columns, lists that are cut short, numbers, and numbers of things."""
 
 from collections.abc import Collection, Sequence
 
@@ -25,6 +25,11 @@ def cut(items: Sequence[str], most: int, separator: str = ", ") -> str:
 def counted(num: int, what: str) -> str:
     """A number with its noun: 1 round, 2 rounds."""
     return f"{num} {what}{'s' * (num != 1)}"
+
+
+def two_digits(value: float) -> str:
+    """A number with two digits, and whole ones with all of theirs: 0.046, 3.2, 140."""
+    return f"{value:.0f}" if abs(value) >= 9.95 else f"{value:.2g}"
 
 
 def episode_in_words(names: Sequence[str], index: int) -> str:

@@ -1,13 +1,13 @@
 """Which device computes and draws."""
 
-import torch
-
 from simtune.config.option_checks import check_device
 from simtune.errors import InputError
 
 
 def choose_device(name: str) -> str:
     """What `--device NAME` stands for on this machine. Raises InputError if it is not available."""
+    import torch  # slow to load, and many who import this ask nothing
+
     if name == "auto":
         return "cuda" if torch.cuda.is_available() and _can_draw("cuda") else "cpu"
     check_device(name)

@@ -5,6 +5,7 @@ from typing import Any
 
 from simtune.budget import Budget
 from simtune.checking.expected_precision import expected_precision
+from simtune.checking.mistakes.misread import MOST_S
 from simtune.config import ROBOTS, TuneConfig
 from simtune.experiment.enough_time import refuse_if_too_short, say_if_unfitted
 from simtune.experiment.experiment import Experiment, build_experiment
@@ -19,7 +20,8 @@ from simtune.tuning.search import Callbacks
 # Time for videos and the report: as long as the longer half of the start took, to load libraries or
 # to film, within these bounds. A machine that is slow at first is so at the end.
 _AT_THE_END_S = (6.0, 30.0)
-_CHECK_SHARE = 0.06  # of the budget, in which check may say what to expect
+# Of the budget: in which check may say what to expect, and look for mistakes in readings besides
+_CHECK_SHARE, _MISTAKES_SHARE = 0.06, 0.05
 _WORTHWHILE = 0.6  # of the last round's time: the next one knows where to search
 
 
@@ -50,15 +52,14 @@ def tune(
         say_if_unfitted(search, minutes, clock.spent_s, needed)
     may_check = needed.check_s < _CHECK_SHARE * 60 * minutes
     warnings += told(experiment.film_warnings() if may_check else [])
-    expected, doubts = _expected_precision(experiment) if may_check else ({}, [])
+    expected, doubts = _expected_precision(experiment, minutes) if may_check else ({}, [])
     warnings += told(doubts)
-    spent_s = clock.spent_s
-    with Run(experiment, report) as run:
+    with Run(experiment, report, clock.began_s) as run:
         run.resume()
         run.folder.write_config()
         if run.num_rounds and search.stop_reason:
             report("the search is over already; another --out searches anew", 1.0)
-        budget = Budget(60 * minutes - spent_s - run.wall_s, report)
+        budget = Budget(60 * minutes - clock.ending_s - run.wall_s, report)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             _run_round(run, budget)
         stopped = {"stopped": search.stop_reason or TIME_IS_OVER}
@@ -69,21 +70,23 @@ class _Clock:
     """Time that is spent before a run's folder is opened, and what its end will take."""
 
     def __init__(self, loading_s: float):
-        self._loading_s, self._began_s = loading_s, time.monotonic()
-        self._ending_s = _AT_THE_END_S[0]
+        self._loading_s = loading_s
+        self.began_s = time.monotonic() - loading_s  # of the session, without a robot's time
+        self.ending_s = _AT_THE_END_S[0]
 
     def is_built(self, by_a_robot: bool) -> None:
         """The real world is filmed; the time that a robot takes for it does not count."""
         now_s = time.monotonic()
-        longest_s = max(self._ending_s, self._loading_s, now_s - self._began_s)
-        self._ending_s = min(longest_s, _AT_THE_END_S[1])
+        building_s = now_s - self.began_s - self._loading_s
+        longest_s = max(self.ending_s, self._loading_s, building_s)
+        self.ending_s = min(longest_s, _AT_THE_END_S[1])
         if by_a_robot:
-            self._began_s = now_s
+            self.began_s += building_s
 
     @property
     def spent_s(self) -> float:
         """Seconds until now, and those kept for the end."""
-        return self._loading_s + time.monotonic() - self._began_s + self._ending_s
+        return time.monotonic() - self.began_s + self.ending_s
 
 
 def _run_round(run: Run, budget: Budget) -> None:
@@ -97,14 +100,15 @@ def _run_round(run: Run, budget: Budget) -> None:
     run.save()
 
 
-def _expected_precision(experiment: Experiment) -> tuple[dict[str, Any], list[str]]:
+def _expected_precision(experiment: Experiment, minutes: float) -> tuple[dict[str, Any], list[str]]:
     """What `simtune check` would say of these episodes, for result.json, and its warnings."""
     if experiment.search_name != "posterior":  # others give no intervals
         return {}, []
     simulator, seen = experiment.simulator, experiment.context.observation
     names = experiment.real.facts.get("names", ())
     real, seed = experiment.recordings, experiment.config.seed
-    found = expected_precision(simulator, seen, real, seed, names)
+    most_s = min(_MISTAKES_SHARE * 60 * minutes, MOST_S)
+    found = expected_precision(simulator, seen, real, seed, names, most_s)
     return {"check": found.parameters}, found.warnings
 
 

@@ -2,7 +2,8 @@
 
 Each takes the options of its command (docs/commands), with underscores: `--budget-minutes 3` is
 `budget_minutes=3`. Unusable input raises a ValueError with a message of one line; a failure during
-the run raises a RuntimeError. Nothing is printed without `progress`.
+the run raises a RuntimeError. Without `progress`, nothing is printed but warnings: these go to
+Python's logging, which writes them to stderr unless it is set up otherwise.
 """
 
 from collections.abc import Iterator, Mapping

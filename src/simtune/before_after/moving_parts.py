@@ -127,7 +127,10 @@ def _median(distances: np.ndarray) -> float:
 
 
 def _along(distances: np.ndarray) -> int | None:
-    """Pictures before the part is lost, of those that show it. None: never lost."""
+    """Pictures before the one from which on the part is lost, of all. None: never lost.
+
+    It is lost where it is off in `_LOST` pictures one after the other, of those that show it.
+    """
     known = np.flatnonzero(np.isfinite(distances))
     off = distances[known] > _ALONG_PX
     runs = [i for i in range(len(off) - _LOST + 1) if off[i : i + _LOST].all()]

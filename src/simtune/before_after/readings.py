@@ -7,12 +7,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from simtune.fit import Lateness, OpenLoopReplay, Readings, recorded_loop, replay_whole
-from simtune.fit.readings.stretches import Stretches
+from simtune.fit.physics import is_lost
+from simtune.fit.readings.stretches import Stretches, travel
 from simtune.fit.readings.whole_episodes import begin_whole, replay_from
 from simtune.observation import ObservationModel, joints_of, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory
+
+# Farther from where it begins than this in any unit, and than so many times what readings travel, a
+# replay has diverged: MuJoCo leaves such a world where its physics stopped, at 1e13 or at no number
+_TOO_FAR, _MUCH_FARTHER = 1e4, 100.0
 
 
 class TunedReplay(NamedTuple):
@@ -32,7 +37,8 @@ class TunedReplay(NamedTuple):
 class Replayed:
     """Measured and replayed readings of E episodes and D readings; NaN if not read.
 
-    As tuned, also NaN before the first action takes effect: what acted before is not known.
+    As tuned, also NaN before the first action takes effect: what acted before is not known. NaN
+    throughout an episode whose replay diverges.
     """
 
     labels: tuple[str, ...]
@@ -43,13 +49,21 @@ class Replayed:
     before: np.ndarray
     after: np.ndarray
     tuned: TunedReplay | None = None  # which gave `after`
+    diverged_before: tuple[int, ...] = ()  # episodes whose replay before tuning diverges
+    diverged: tuple[int, ...] = ()  # and as tuned
 
     def scores(self) -> dict[str, dict[str, Any]]:
-        """{reading: unit, offset, and root mean square residuals}; JSON."""
+        """{reading: unit, offset, and root mean square residuals}; JSON.
+
+        None if none can be compared. Episodes that diverge are left out, and counted under
+        "diverged_before" and "diverged", if there are any.
+        """
         rms = [_rms(self.before - self.measured), _rms(self.after - self.measured)]
         rows = zip(self.labels, self.units, self.offsets, *rms, strict=True)
         keys = ("unit", "offset", "rms_before", "rms")
-        return plain({label: dict(zip(keys, row, strict=True)) for label, *row in rows})
+        counts = {"diverged_before": len(self.diverged_before), "diverged": len(self.diverged)}
+        lost = {key: num for key, num in counts.items() if num}
+        return plain({label: dict(zip(keys, row, strict=True)) | lost for label, *row in rows})
 
     def curves(self) -> dict[str, Any]:
         """Curves of the first episode; JSON."""
@@ -85,17 +99,45 @@ def replay(
     readings, space = Readings.of(trajectories, joints), simulator.space
     loop = recorded_loop(simulator, observation, start, readings)
     before = replay_whole(loop, readings, space.to_unit(start), np.zeros(len(labels)))
+    lost_before = _diverging(before, readings.values)
     offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])
     unit = np.append(space.to_unit(tuned.mean), Lateness.unit(tuned.late_s / simulator.step_s))
     loop, late = loop.with_lateness(), readings.delayed(tuned.latency_steps)
     begun = TunedReplay(loop, *begin_whole(loop, late, unit, offsets), unit)
-    played = replay_from(loop, begun.whole, begun.states, unit, offsets)
+    played = replay_from(loop, begun.whole, begun.states, unit, np.zeros(len(labels)))
+    lost = _diverging(played, late.values)
+    before[lost_before], played[lost] = np.nan, np.nan
     after, steps = np.full_like(played, np.nan), min(tuned.latency_steps, played.shape[1])
-    after[:, steps:] = played[:, : played.shape[1] - steps]
+    after[:, steps:] = played[:, : played.shape[1] - steps] + offsets
     return Replayed(
-        labels, units_of(joints), offsets, simulator.step_s, readings.values, before, after, begun
+        labels,
+        units_of(joints),
+        offsets,
+        simulator.step_s,
+        readings.values,
+        before,
+        after,
+        begun,
+        tuple(np.flatnonzero(lost_before).tolist()),
+        tuple(np.flatnonzero(lost).tolist()),
     )
 
 
+def _diverging(predicted: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(E,) bool of (E, T + 1, D) predictions, without offsets, beside readings.
+
+    Whether a world diverges by its last reading.
+    """
+    is_read = np.asarray(np.isfinite(values).any(-1))
+    counts = np.logical_or.accumulate(is_read[:, ::-1], 1)[:, ::-1]
+    played = np.where(counts[..., None], predicted, predicted[:, :1])
+    far = np.maximum(_TOO_FAR, _MUCH_FARTHER * travel(values).max(0, initial=0))
+    return is_lost(played) | (np.abs(played - played[:, :1]) > far).any((1, 2))
+
+
 def _rms(residuals: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.nanmean(np.square(residuals), (0, 1)))
+    """(D,) of (E, T + 1, D); NaN where none is known."""
+    known = np.isfinite(residuals)
+    total = np.square(np.where(known, residuals, 0.0)).sum((0, 1))
+    num = known.sum((0, 1))
+    return np.where(num, np.sqrt(total / np.maximum(num, 1)), np.nan)

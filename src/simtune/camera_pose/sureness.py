@@ -49,8 +49,8 @@ def covariance(fit: Fit) -> np.ndarray:
     With slopes A of N points, weights W, residuals r, G clusters of frames (Liang and Zeger 1986)
     and outlines that are all b pixels too large:
 
-        B = (AᵀWA)⁻¹,   c · rᵀWr / tr W · B  +  B [G / (G − 1) Σ_g s_g s_gᵀ + b² v vᵀ] B
-        s_g = A_gᵀ W_g r_g,   v = AᵀW 1
+        B = (AᵀWA)⁻¹,   c · rᵀWr / tr W · B  +  B [G / (G − 1) Σ_g d_g d_gᵀ + b² v vᵀ] B
+        d_g = s_g − mean of all s_g,   s_g = A_gᵀ W_g r_g,   v = AᵀW 1
     """
     weighted = fit.slopes.T * fit.weights
     information = weighted @ fit.slopes

@@ -1,5 +1,6 @@
 """`simtune check`, top to bottom."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +36,7 @@ _EPISODES = 5
 def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any]:
     """Sensitivity to each parameter, how well it can be found, facts of the recordings; JSON.
 
-    Raises InputError for invalid input.
+    Raises InputError for invalid input, such as a model all of whose episodes diverge.
     """
     config.check()
     task = load_task(config.task)
@@ -53,7 +54,10 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
     if seen.sensors:
         readings, facts["assumed"], more = _replayed(given, seen, config.seed, report)
         facts["warnings"] += more
-    sensitivity = analyze(simulator, actions, config.seed, seen, readings, report)
+    try:
+        sensitivity = analyze(simulator, actions, config.seed, seen, readings, report)
+    except RuntimeError as error:
+        raise _refused(error, facts["warnings"]) from error
     states = nominal_states(simulator, actions, config.seed)
     hidden = out_of_sight(simulator, config.seed)
     reasons = unfelt_frictions(simulator, states) | hidden
@@ -89,22 +93,26 @@ def _replayed(given: Given, seen: ObservationModel, seed: int, report: ReportPro
     names = [f"episode {number}" for number in range(len(given.actions))]
     replays, warnings = None, list[str]()
     if given.read and not given.is_far:  # else all that follows from lengths would mislead
-        names = given.facts["recordings"]["names"][: len(given.actions)]
+        names = given.facts["recordings"]["names"][: len(given.read.trajectories)]
         replays = RecordedReplays(given.simulator, seen, given.read.trajectories, names)
         warnings += replays.start_warnings()
     try:
         changes, assumed = reading_changes(given.simulator, seen, given.actions, given.read, seed)
-    except RuntimeError as error:  # what was found before may say why
-        said = [*given.facts["warnings"], *warnings, str(error)]
+    except RuntimeError as error:
+        more, of_sensors = list[str](), joints_of(seen.sensors)
         if given.read:
-            values = given.read.readings.values
-            said += like_degrees(given.simulator.model, joints_of(seen.sensors), values)
-        raise InputError("; ".join(said)) from error
+            more = like_degrees(given.simulator.model, of_sensors, given.read.readings.values)
+        raise _refused(error, [*given.facts["warnings"], *warnings], more) from error
     if not given.is_far and not (given.read and given.read.misread):
         much = sensitive_starts.sensitive(changes.growth)
         touching = replays.contacts(much) if replays else None
         warnings += sensitive_starts.warnings(changes.growth, names, touching)
     return _Replayed(changes, assumed, warnings)
+
+
+def _refused(error: RuntimeError, before: list[str], more: Sequence[str] = ()) -> InputError:
+    """Of a model that diverges, with what was found before, and `more`: it may say why."""
+    return InputError("; ".join([*before, str(error), *more]))
 
 
 def _simulated(config: CheckConfig, task: Task, size: int, seen: ObservationModel) -> Given:

@@ -8,7 +8,7 @@ import numpy as np
 from simtune.fit.sensitivity import Sensitivity
 from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
-from simtune.tuning.combinations import rounded_weight
+from simtune.tuning.combinations import is_useful_power, rounded_weight
 from simtune.verdicts import IDENTIFIED_SHARE, WEAK_SHARE
 
 Shows = Literal["shows clearly", "shows weakly", "does not show"]
@@ -142,13 +142,12 @@ def _combination(space: ParameterSpace, sensitivity: Sensitivity, i: int, j: int
     rise_together = sensitivity.correlation[i, j] > 0
     ratio = sensitivity.motion_std[i] / sensitivity.motion_std[j]
     slope = rounded_weight(float(ratio))
-    if space.is_log[i] and space.is_log[j]:
+    are_log = space.is_log[[i, j]]
+    if are_log.all() and is_useful_power(slope):
         b = b if slope == 1 else f"{b}^{slope:g}"
         return f"their ratio, {a} / {b}" if rise_together else f"their product, {a} × {b}"
     same_unit = space.parameters[i].unit == space.parameters[j].unit
-    if (
-        not space.is_log[i] and not space.is_log[j] and same_unit
-    ):  # metres and radians cannot be added
+    if not are_log.any() and same_unit:  # metres and radians cannot be added
         b = b if slope == 1 else f"{slope:g} {b}"
         return f"their difference, {a} − {b}" if rise_together else f"their sum, {a} + {b}"
     return f"a larger {a} looks like a {'smaller' if rise_together else 'larger'} {b}"

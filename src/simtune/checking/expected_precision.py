@@ -9,6 +9,7 @@ from simtune.checking.begins_elsewhere import elsewhere_warnings, out_of_sight
 from simtune.checking.conclusions import conclude
 from simtune.checking.frictions import unfelt_frictions
 from simtune.checking.mistakes.degrees import like_degrees
+from simtune.checking.mistakes.misread import MOST_S
 from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import look_at_servos, reading_changes
 from simtune.fit.sensitivity import analyze
@@ -34,9 +35,12 @@ def expected_precision(
     real: list[Trajectory],
     seed: int,
     names: Sequence[str] = (),
+    most_s: float | None = None,
 ) -> ExpectedPrecision:
     """Of episodes with these names, which warnings give; without names they are simulated.
 
+    `most_s`: seconds for mistakes in readings that short replays tell (`misread`), None: as many as
+    `check` takes.
     Nothing without a MuJoCo model; no parameters if all nominal worlds diverge.
     """
     warnings = list[str]()
@@ -47,7 +51,8 @@ def expected_precision(
     actions = np.stack([trajectory.actions[:steps] for trajectory in real])
     try:
         if seen.sensors:
-            read = look_at_servos(real, simulator, seen, names)
+            within_s = MOST_S if most_s is None else most_s
+            read = look_at_servos(real, simulator, seen, names, within_s)
             warnings += read.warnings + read.misread + read.beyond_ranges
             readings, _ = reading_changes(simulator, seen, actions, read, seed)
         sensitivity = analyze(simulator, actions, seed, seen, readings)

@@ -13,8 +13,9 @@ from simtune.names import SearchName
 from simtune.observation import ObservationModel
 from simtune.real.observed import observed, open_recordings
 from simtune.tasks import AnyTask, Task
-from simtune.tuning import usual_image_size
 
+# Side in pixels of the square pictures that a search uses
+USUAL_PX: dict[SearchName, int] = {"posterior": 64, "paper": 100, "regression": 100}
 _LARGEST_PX = 128  # chosen by itself, since time grows with the square
 _EPISODES, _STEPS = 4, 60  # looked at, at most
 
@@ -28,7 +29,7 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
     than recordings have, if even the largest moving part would be small otherwise. Raises
     InputError for recordings that cannot be read, and for a size where no camera is observed.
     """
-    usual, seen = usual_image_size(search), observed(task, config.observed, is_simulated=False)
+    usual, seen = USUAL_PX[search], observed(task, config.observed, is_simulated=False)
     if config.image_size and not seen.cameras:
         who = f"--observe {config.observe}" if config.observe else task.name
         raise InputError(f"--image-size goes with pictures, and {who} looks at none")

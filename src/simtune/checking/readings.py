@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.checking.mistakes.misread import misread
+from simtune.checking.mistakes.misread import MOST_S, misread
 from simtune.checking.reading_errors import of_recorded, of_simulated
 from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.fit import ServoResponse
@@ -55,8 +55,13 @@ def look_at_servos(
     simulator: Simulator,
     observation: ObservationModel,
     names: Sequence[str] = (),
+    most_s: float = MOST_S,
 ) -> ReadEpisodes:
-    """How the joints of episodes, with these names, follow their commands."""
+    """How the joints of episodes, with these names, follow their commands.
+
+    `most_s`: seconds in which signs, columns, units and zeros are looked for that are not the
+    model's (`misread`).
+    """
     sensors = joints_of(observation.sensors)
     readings = Readings.of(trajectories, sensors)
     read = readings.values
@@ -77,7 +82,7 @@ def look_at_servos(
         curves={name: its.curve for name, its in by_name.items()},
         facts={name: its.facts() for name, its in by_name.items()},
         warnings=found,
-        misread=misread(readings, simulator, observation),
+        misread=misread(readings, simulator, observation, most_s),
         beyond_ranges=beyond_ranges(simulator.model, sensors, read, wider),
     )
 

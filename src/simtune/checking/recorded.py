@@ -17,7 +17,7 @@ from simtune.checking.film.look import Look, look_at, warnings_of
 from simtune.checking.film.picture import draw_film
 from simtune.checking.picture_files import picture_file
 from simtune.checking.readings import ReadEpisodes, read_episodes
-from simtune.checking.recording_warnings import refuse_if_all_short, warnings
+from simtune.checking.recording_warnings import long_enough, warnings
 from simtune.checking.servos.commands import on_tendons
 from simtune.checking.servos.lengths import far_beyond_model
 from simtune.checking.servos.picture import draw_servos
@@ -41,7 +41,8 @@ class Given(NamedTuple):
     """Episodes to check, and what plays them."""
 
     simulator: Simulator  # at their rate
-    actions: np.ndarray  # (E, T, A), cut to the shortest episode's
+    # (E, T, A) of the episodes that are long enough to tune to, cut to the shortest of these
+    actions: np.ndarray
     facts: dict[str, Any]  # JSON, with warnings
     read: ReadEpisodes | None = None
     is_far: bool = False  # whether lengths are in another unit than the model's
@@ -58,8 +59,7 @@ def of_recordings(
     dataset = open_recordings(config.real or "", task, config, size, seen)
     num = how_many(dataset, config.episodes)
     recorded, frames = look_through(dataset, report, min(num, MOST_EPISODES) * bool(seen.cameras))
-    lengths = [len(actions) for actions in recorded[:num]]
-    refuse_if_all_short(lengths, are_filmed=bool(seen.cameras))
+    used = long_enough(recorded[:num], are_filmed=bool(seen.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
     facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
     films = camera_films(seen.framed(dataset.aspects), frames)
@@ -70,7 +70,7 @@ def of_recordings(
         supersampling=seen.supersampling,
         views=[shrunk(film.view, size) for film in films],
     )
-    actions = np.stack([actions[: min(lengths)] for actions in recorded[:num]])
+    actions = np.stack([actions[: min(map(len, used))] for actions in used])
     read = read_episodes(dataset, num, simulator, seen) if seen.sensors else None
     sensors, values = joints_of(seen.sensors), read.readings.values if read else None
     far = far_beyond_model(simulator, recorded[:num], sensors, values)

@@ -51,7 +51,8 @@ def warnings(
             f"recordings are replayed at {control_hz:.4g} steps/s, the task has {task_hz:.4g}; the "
             "simulator follows them"
             # More steps would be farther from frames that are late already
-            + f", --control-hz {task_hz:.4g} brings them to it"
+            + f", --control-hz {task_hz:.4g} brings them to it. Was {control_hz:.4g} Hz the real "
+            "rate? A wrong one in the file makes all motion too fast or too slow"
             * (not are_late or task_hz < control_hz)
         )
     if are_late:
@@ -136,13 +137,18 @@ def _of_short(lengths: list[int], names: Sequence[str], *, are_filmed: bool) -> 
     ]
 
 
-def refuse_if_all_short(lengths: Sequence[int], *, are_filmed: bool) -> None:
-    """Raises InputError if no episode of these numbers of steps could be tuned to."""
-    if max(lengths) < (least := _fewest_steps(are_filmed=are_filmed)):
-        raise InputError(
-            f"no episode has the {least} steps that `simtune tune` needs, the longest has "
-            f"{max(lengths)}: record longer ones, or take more steps/s (--control-hz)"
-        )
+def long_enough(recorded: Sequence[np.ndarray], *, are_filmed: bool) -> list[np.ndarray]:
+    """Actions (T, A) of the episodes that could be tuned to. Raises InputError if there are none.
+
+    The others are warned of.
+    """
+    least = _fewest_steps(are_filmed=are_filmed)
+    if found := [actions for actions in recorded if len(actions) >= least]:
+        return found
+    raise InputError(
+        f"no episode has the {least} steps that `simtune tune` needs, the longest has "
+        f"{max(map(len, recorded))}: record longer ones, or take more steps/s (--control-hz)"
+    )
 
 
 def too_short(num_steps: int, *, are_filmed: bool) -> list[str]:

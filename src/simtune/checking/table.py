@@ -3,7 +3,7 @@
 from typing import Any
 
 from simtune.checking.servos.table import servo_lines
-from simtune.columns import aligned, counted, cut
+from simtune.columns import aligned, counted, cut, two_digits
 from simtune.recordings.source import short
 
 _MOST_EXTENTS = 6
@@ -30,8 +30,8 @@ def table(result: dict[str, Any]) -> list[str]:
     recorded = result.get("recordings", {}).get("action_ranges", True)
     kind = result.get("actions", "the recordings'" if recorded else "no")
     lines = [
-        f"{result['task']}: {result['episodes']} episodes of {result['steps']} steps of "
-        f"{result['step_s']:.3g} s with {kind} actions"
+        f"{result['task']}: {counted(result['episodes'], 'episode')} of "
+        f"{counted(result['steps'], 'step')} of {result['step_s']:.3g} s with {kind} actions"
     ]
     lines += _of_recordings(result["recordings"]) if "recordings" in result else []
     lines += [f"warning: {warning}" for warning in result.get("warnings", ())]
@@ -109,7 +109,8 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
     film = " and ".join(films) or "no pictures looked at"
     episodes = counted(facts["episodes"], "episode")
     return [
-        f"{facts['folder']}: {facts['kind']}, readable: {episodes}, {facts['steps']} steps, {film}",
+        f"{facts['folder']}: {facts['kind']}, readable: {episodes}, "
+        f"{counted(facts['steps'], 'step')}, {film}",
         f"{facts['fps']:.6g} steps/s recorded, {facts['control_hz']:.6g} taken{lateness}",
         f"actions: {', '.join(ranges) or 'none'}",
         f"dataset hash {facts['dataset_hash']}",
@@ -136,9 +137,9 @@ def _picture_cells(p: dict[str, Any]) -> tuple[str, ...]:
     moves, changes = p["motion_largest_px"] > 0, p["picture_share"] > 0
     return (
         f"{p['picture_levels']:.0f}" if changes else "–",
-        f"{100 * p['picture_share']:.2g} %" if changes else "–",
-        f"{p['motion_rms_px']:.2g} px" if moves else "–",
-        f"{p['motion_largest_px']:.2g} px" if moves else "–",
+        f"{two_digits(100 * p['picture_share'])} %" if changes else "–",
+        f"{two_digits(p['motion_rms_px'])} px" if moves else "–",
+        f"{two_digits(p['motion_largest_px'])} px" if moves else "–",
     )
 
 
@@ -148,14 +149,14 @@ def _reading_cells(p: dict[str, Any]) -> tuple[str, ...]:
     if not p["reading_largest"] > 0:
         return ("–",) * len(_READING)
     unit = p["reading_unit"]
-    sizes = (f"{p[key]:.2g} {unit}" for key in ("reading_rms", "reading_largest"))
+    sizes = (f"{two_digits(p[key])} {unit}" for key in ("reading_rms", "reading_largest"))
     return (*sizes, p["reading"])
 
 
 def _predicted(p: dict[str, Any], unit: str, which: str = "") -> str:
     if not (p.get("motion_largest_px") or p.get("reading_largest")):
         return "visible" if p.get("picture_share") else "–"
-    share, std = p.get(f"std_percent{which}"), p.get(f"std{which}")
-    if share is None and std is None:
-        return "visible"
-    return f"{std:.2g}{unit}" if share is None else f"{share:.2g} %"
+    for key, its_unit in (("std_percent", " %"), ("std", unit)):
+        if (std := p.get(key + which)) is not None:
+            return two_digits(std) + its_unit
+    return "visible"

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import Any
@@ -26,6 +27,7 @@ def main() -> None:
     typed = sys.argv[1:]
     command = None
     _make_writable()
+    warnings.showwarning = _TellOnce()
     try:
         if typed == ["--version"]:
             print(f"simtune {simtune.__version__}")
@@ -58,6 +60,22 @@ def _make_writable() -> None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
     if isinstance(sys.stdout, TextIOWrapper):  # stderr never fails so: Python has it escape
         sys.stdout.reconfigure(errors="replace")
+
+
+class _TellOnce:
+    """Prints what libraries warn of: once each, without a line of their own or of ours.
+
+    MuJoCo says what is deprecated in a model whenever that is compiled.
+    """
+
+    def __init__(self) -> None:
+        self._told = set[str]()
+
+    def __call__(self, message: Warning | str, *_: Any, **__: Any) -> None:
+        text = " ".join(str(message).split())
+        if text not in self._told:
+            self._told.add(text)
+            print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
 def _carry_out(command: Any, typed: Sequence[str]) -> None:

@@ -60,11 +60,11 @@ def _print_result(result: dict[str, Any], out: Path, print_line: PrintLine) -> C
 
     if result["method"] not in UNTUNED:
         print_line("\n".join(lines(run := read_run(out))))
-        if (error := mean_error(run.looked_at)) is not None:
+        if (error := mean_error(run.searched)) is not None:
             print_line(f"mean error {error:.1f} %")
         if result["search"] != "posterior":
             print_line('no intervals by this search: "weak" says only that it moved the estimate')
-        elif (held := num_holding(run.looked_at))[1]:
+        elif (held := num_holding(run.searched))[1]:
             print_line("{} of {} intervals hold the truth".format(*held))
     for warning in result["warnings"]:
         print_line(f"warning: {warning}")

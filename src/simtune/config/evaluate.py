@@ -30,7 +30,8 @@ class EvaluateConfig(Prints):
     episodes: int | None = None
     """Number of episodes: by default 20, or all recordings."""
     seed: int = 1000
-    """Random seed of the episodes; the training's seed repeats those of its own score."""
+    """Random seed of the episodes. The training's seed repeats those of its own score, if as many
+    are played: --episodes as its --scored-episodes, 10 by default."""
 
     def check(self) -> None:
         """Raises InputError for invalid options."""

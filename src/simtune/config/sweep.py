@@ -1,5 +1,6 @@
 """The options of `simtune sweep` and `simtune figures`."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -41,8 +42,8 @@ class SweepConfig(Prints):
         """Raises InputError for invalid options."""
         at_least(self, 1, "workers", "cores_per_run")
         at_least(self, 0, "retries")
-        if not self.pilot_minutes > 0:
-            raise InputError(f"--pilot-minutes must be above 0, got {self.pilot_minutes:g}")
+        if not 0 < self.pilot_minutes < math.inf:
+            raise InputError(f"--pilot-minutes: a number above 0, got {self.pilot_minutes:g}")
         if not self.dry_run:
             usual_without(self, "--dry-run only", "pilot_minutes")
         if self.ray is not None and self.workers is not None:

@@ -36,7 +36,8 @@ class TrainConfig(Prints, RealConfig):
     """fast: a teacher that knows the state, and a student on pictures: minutes on two CPU cores;
     paper: SAC on pictures, and everything else as in the paper: a GPU and a day."""
     agent: Literal["teacher_student", "curl_sac", "drqv2"] | None = None
-    """How the policy learns; by default teacher_student, with --preset paper curl_sac."""
+    """How the policy learns: teacher_student, the default; curl_sac, the paper's SAC on pictures,
+    and the default with --preset paper; drqv2, another learner on pictures alone (DrQ-v2)."""
     search: Literal["posterior", "paper"] | None = None
     """How autotune searches; by default posterior, with --preset paper the paper's search."""
     policy_steps: int | None = None

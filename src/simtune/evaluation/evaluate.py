@@ -10,7 +10,7 @@ from simtune.evaluation.replay import evaluate_replay
 from simtune.experiment.outcome import summary
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
-from simtune.real.choose import read_parameters
+from simtune.parameters.values_file import read_parameters
 from simtune.run import checkpoint
 from simtune.run.config import check_names_task, option_defaults, stored_config
 from simtune.run.sources import other_readers, source_of

@@ -20,10 +20,12 @@ from simtune.report.data import RunData
 from simtune.report.read_run import finished, read_run
 from simtune.tasks import Task, with_model
 from simtune.trajectory import Trajectory
+from simtune.validate import is_number
 
 _SMALLEST_PX = 1  # nothing is drawn
 _MOST_NAMED = 5  # readings
-_KEPT = "unit", "rms_before", "rms"  # of what a replay's scores say
+# Of what a replay's scores say
+_KEPT = "unit", "rms_before", "rms", "diverged_before", "diverged"
 _FAR = 10.0  # times what a run leaves of its own recordings, or the sensor's noise
 
 
@@ -34,7 +36,8 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     tuned to readings, "rms_tuned_to" is what it leaves of those, and "far_off" names readings of
     which far more is left here; "far_episodes" those where it is, and "touching" says what touches
     in their replays. "astray" names readings of which more is left than they travel. "no_offset"
-    names readings whose offset it does not know.
+    names readings whose offset it does not know. Where replays diverge, their number is each
+    reading's "diverged_before" and "diverged"; a root mean square over none is None.
 
     Raises InputError for a task without joint readings, or recordings that do not match it.
     """
@@ -50,11 +53,12 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
         )
     less_left, scores = better_in(replayed), replayed.scores()
     sensors = {
-        name: {key: its[key] for key in _KEPT} | {"better_in": less_left[name]}
+        name: {key: its[key] for key in _KEPT if key in its} | {"better_in": less_left[name]}
         for name, its in scores.items()
     }
     for name, facts in run.readings.items():
-        sensors[name]["rms_tuned_to"] = facts["rms"]
+        if is_number(facts.get("rms")):
+            sensors[name]["rms_tuned_to"] = facts["rms"]
     joints = joints_of(real.observation.sensors)
     finds = zip(replayed.labels, finds_offset(joints), strict=True)
     noise = dict(zip(replayed.labels, assumed_noise(joints).tolist(), strict=True))
@@ -99,9 +103,11 @@ def _replay(
 
 
 def only_early(replayed: Replayed) -> list[str]:
-    """Readings that never come after a replay has begun."""
-    compared = np.isfinite(replayed.after - replayed.measured)
-    return [name for i, name in enumerate(replayed.labels) if not compared[..., i].any()]
+    """Readings that never come after a replay has begun, but for those that diverge."""
+    played = [e for e in range(len(replayed.after)) if e not in replayed.diverged]
+    compared = np.isfinite(replayed.after - replayed.measured)[played]
+    early = [name for i, name in enumerate(replayed.labels) if not compared[..., i].any()]
+    return early if played else []
 
 
 def far_off(sensors: Mapping[str, Mapping[str, Any]], noise: Mapping[str, float]) -> list[str]:
@@ -112,7 +118,9 @@ def far_off(sensors: Mapping[str, Mapping[str, Any]], noise: Mapping[str, float]
     return [
         name
         for name, its in sensors.items()
-        if "rms_tuned_to" in its and its["rms"] >= _FAR * max(its["rms_tuned_to"], noise[name])
+        if is_number(its.get("rms"))
+        and is_number(its.get("rms_tuned_to"))
+        and its["rms"] >= _FAR * max(its["rms_tuned_to"], noise[name])
     ]
 
 
@@ -150,9 +158,13 @@ def astray(replayed: Replayed, noise: Mapping[str, float]) -> list[str]:
 
 
 def better_in(replayed: Replayed) -> dict[str, int]:
-    """{reading: the number of episodes in which less is left after tuning, where both replay}."""
+    """{reading: the number of episodes in which less is left after tuning, where both replay}.
+
+    All is left where replays before tuning diverge.
+    """
     of_both = np.stack([replayed.before, replayed.after]) - replayed.measured
-    known = np.isfinite(of_both).all(0)
+    of_both[0, list(replayed.diverged_before)] = np.inf
+    known = ~np.isnan(of_both).any(0)
     before, after = np.where(known, np.square(of_both), 0).sum(2)
     return dict(zip(replayed.labels, (after < before).sum(0).tolist(), strict=True))
 

@@ -4,7 +4,9 @@ from typing import Any
 
 from simtune.columns import aligned, counted
 from simtune.recordings.source import short
-from simtune.report.words import further_off
+from simtune.report.trust import readings_farther
+from simtune.report.words import MISSING, diverging, further_off
+from simtune.validate import is_number
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -34,7 +36,8 @@ def table(result: dict[str, Any]) -> list[str]:
             f"{asks} these of the same robot, with the same columns, in the same order and units?"
         )
     astray = result.get("astray")
-    worse = [name for name, its in sensors.items() if its["rms"] > its["rms_before"]]
+    lines += [f"note: {said}" for said in diverging(sensors, episodes)]
+    worse = readings_farther(sensors)
     if worse and not astray:
         lines.append(
             f"warning: {further_off(worse)} on these recordings: what was found does not hold "
@@ -49,12 +52,9 @@ def table(result: dict[str, Any]) -> list[str]:
 
 
 def _cells(name: str, its: dict[str, Any], episodes: int) -> tuple[str, ...]:
-    before, after, unit = its["rms_before"], its["rms"], its["unit"]
-    change = f"{100 * (after / before - 1):+.0f} %" if before else ""
-    return (
-        name,
-        f"{before:.3g} {unit}",
-        f"{after:.3g} {unit}",
-        change,
-        f"{its['better_in']} of {episodes}",
-    )
+    before, after = its["rms_before"], its["rms"]
+    known = [f"{rms:.3g} {its['unit']}" if is_number(rms) else MISSING for rms in (before, after)]
+    change = ""
+    if is_number(before) and is_number(after) and before > 0:
+        change = f"{100 * (after / before - 1):+.0f} %"
+    return (name, *known, change, f"{its['better_in']} of {episodes}")

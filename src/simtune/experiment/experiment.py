@@ -13,8 +13,8 @@ from simtune.checking.replays import RecordedReplays
 from simtune.config import TuneConfig
 from simtune.devices import choose_device
 from simtune.errors import InputError
-from simtune.experiment.presets import choose_search_settings
 from simtune.experiment.problem import TuningProblem, build_problem
+from simtune.experiment.search_settings import choose_search_settings
 from simtune.experiment.settings import Settings
 from simtune.names import SearchName
 from simtune.networks.layers import under
@@ -29,7 +29,7 @@ from simtune.tasks import (
     with_one_square_camera,
 )
 from simtune.trajectory import Trajectory
-from simtune.tuning import make_search
+from simtune.tuning.make_search import make_search
 from simtune.tuning.readings.search import ReadingsConfig, ReadingsSearch
 from simtune.tuning.search import Search
 

@@ -16,7 +16,6 @@ from simtune.tasks import AnyTask, Task
 from simtune.tuning.combinations import combinations
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import Joint
-from simtune.tuning.search import Search
 
 # Fields of an estimate, beside its numbers
 _IN_RESULT = ("correlations", "ranks", "held_out", "warnings", "latency_steps", "pictures_late_s")
@@ -121,9 +120,8 @@ def summary(values: np.ndarray) -> dict[str, float]:
     return {"mean": float(values.mean()), "std": float(values.std()), "episodes": len(values)}
 
 
-def scalars(search: Search, estimate: Estimate) -> dict[str, float]:
-    """A round's estimates and ranges, for a line of metrics.jsonl."""
-    ranges = search.distribution
+def scalars(ranges: Distribution, estimate: Estimate) -> dict[str, float]:
+    """A round's estimates, and the ranges that are searched next, for a line of metrics.jsonl."""
     columns = {"mean": estimate.mean, "low": estimate.low, "high": estimate.high}
     columns |= {"range_low": ranges.low, "range_high": ranges.high}
     return {

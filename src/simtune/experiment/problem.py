@@ -23,7 +23,7 @@ from simtune.run.kept import stored_state
 from simtune.simulation import AnySimulator, Points
 from simtune.tasks import AnyTask, known_values
 from simtune.trajectory import Trajectory
-from simtune.tuning import SearchContext
+from simtune.tuning.search import SearchContext
 from simtune.vision.keypoints import Keypoints
 
 

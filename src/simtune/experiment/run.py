@@ -29,8 +29,16 @@ class Run:
     Its counts only grow, so that a run can resume from any of its checkpoints.
     """
 
-    def __init__(self, experiment: Experiment, report: ReportProgress = silent):
-        """Raises InputError if `config.out` cannot be written, or holds anything else."""
+    def __init__(
+        self,
+        experiment: Experiment,
+        report: ReportProgress = silent,
+        began_s: float | None = None,
+    ):
+        """`began_s`: when the session began, by the monotonic clock; None: now.
+
+        Raises InputError if `config.out` cannot be written, or holds anything else.
+        """
         self.experiment, self._report = experiment, report
         self.folder = RunFolder.create(
             experiment.config.out, experiment.run_config, experiment.sources
@@ -39,7 +47,7 @@ class Run:
         self.num_rounds = 0  # of the search
         self.round_s = 0.0  # seconds of the last round
         self.step = 0  # simulated steps, the x axis of logs: all in `tune`, the policy's in `train`
-        self._start_s = time.monotonic()
+        self._start_s = time.monotonic() if began_s is None else began_s
         self._counts = self._simulated()  # at the start of the present round
 
     def __enter__(self) -> "Run":
@@ -50,7 +58,7 @@ class Run:
 
     @property
     def wall_s(self) -> float:
-        """Seconds spent on the run, over all sessions."""
+        """Seconds spent on the run, over all sessions, each from its beginning."""
         return time.monotonic() - self._start_s
 
     def resume(self) -> dict[str, Any] | None:
@@ -67,7 +75,7 @@ class Run:
         self.step, self.num_rounds = state["step"], state["rounds"]
         self.round_s = state.get("round_s", 0.0)  # absent in older versions
         self.estimate = Estimate.from_json(state["estimate"])
-        self._start_s = time.monotonic() - state["wall_s"]
+        self._start_s -= state["wall_s"]
         self._counts = self._simulated()
         return state
 
@@ -101,13 +109,13 @@ class Run:
         self.num_rounds += 1
         for event in found.events:
             self.folder.logs.log_event(self.step, self.wall_s, asdict(event))
-        estimates = outcome.scalars(self.experiment.search, found.estimate)
+        estimates = outcome.scalars(self.experiment.search.distribution, found.estimate)
         self.log(num_real, {"round": self.num_rounds} | estimates | found.metrics)
 
     def log_early(self, early: Estimate) -> None:
         """Log an estimate of an unfinished round."""
         experiment = self.experiment
-        estimates = outcome.scalars(experiment.search, early)
+        estimates = outcome.scalars(experiment.search.distribution, early)
         self.log(len(experiment.recordings), estimates | {"is_early": 1.0})
         rows = zip(experiment.space, early.mean, strict=True)
         values = cut([f"{p.name} {value:.4g}" for p, value in rows], _TOLD_EARLY)
@@ -133,7 +141,7 @@ class Run:
         if real and experiment.search_name:
             self._report("filming the comparison", 1.0)
             result |= write_before_after(experiment, self.folder, self.estimate, real)
-        # Last, in one go: until then the result of an earlier session stays.
+        # Last, so that a run that is killed here has a result still: an earlier session's.
         self.folder.write_curves(outcome.curves(self.estimate))
         if experiment.search_name:
             result |= self._write_posterior()

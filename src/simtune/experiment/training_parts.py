@@ -18,7 +18,7 @@ from simtune.replay import Replay
 from simtune.run.kept import kept_state
 from simtune.simulation import Simulator
 from simtune.tasks import Task
-from simtune.tuning import FixedRange
+from simtune.tuning.fixed import FixedRange
 from simtune.tuning.readings.horizons import most_latency_steps
 from simtune.vision.keypoints import Keypoints
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
+from simtune.parameters.accuracy import FLOOR, percent_error
 from simtune.run.files import read_json, read_jsonl
 from simtune.tasks import TASKS
 from simtune.validate import is_number
@@ -16,7 +17,6 @@ from simtune.validate import is_number
 # other options
 _NO_CONDITIONS = ("task", "out", "seed", "method", "search", "device", "move", "robot")
 _NO_CONDITIONS += ("real_parameters", "task_name", "json")
-_FLOOR = 0.01  # share of the upper bound; a smaller truth counts as this, see `Truth.score`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,8 +78,12 @@ class Record:
         return points
 
     def percent_errors(self) -> list[tuple[float, float]]:
-        """(real episodes, mean percent error) at the start and after each round."""
-        truths = {n: p["real"] for n, p in self.result["parameters"].items() if "real" in p}
+        """(real episodes, mean percent error) at the start and after each round.
+
+        Without parameters that have no such error: a truth of 0 whose bounds nobody knows.
+        """
+        known = {n: p["real"] for n, p in self.result["parameters"].items() if "real" in p}
+        truths = {n: real for n, real in known.items() if real or self._farthest_bound(n)}
         if not truths:
             return []
         start = {n: p["initial"] for n, p in self.result["parameters"].items()}
@@ -88,21 +92,36 @@ class Record:
             for line in self.metrics
             if "round" in line
         ]
-        known = [(0.0, start), *rounds]
+        reals, bounds = list(truths.values()), [self._farthest_bound(n) for n in truths]
+
+        def mean_error(means: Mapping[str, Any]) -> float:
+            errors = percent_error([means[n] for n in truths], reals, bounds)
+            return sum(errors.tolist()) / len(truths)
+
         return [
-            (num, sum(self._percent_error(n, means[n], truths[n]) for n in truths) / len(truths))
-            for num, means in known
+            (num, mean_error(means))
+            for num, means in [(0.0, start), *rounds]
             if all(is_number(means[n]) for n in truths)
         ]
 
-    def _percent_error(self, name: str, mean: float, real: float) -> float:
-        return 100 * abs(mean - real) / max(abs(real), _FLOOR * self._highs.get(name, 0.0), 1e-12)
+    def _farthest_bound(self, name: str) -> float:
+        """The bound that is farther from 0, or what a result without bounds was scored with.
+
+        0 if nobody knows.
+        """
+        if name in self._bounds:
+            return self._bounds[name]
+        facts = self.result["parameters"][name]
+        scored = facts.get("percent_error")
+        off = abs(facts["mean"] - facts["real"])
+        return 100 * off / scored / FLOOR if is_number(scored) and scored > 0 else 0.0
 
     @cached_property
-    def _highs(self) -> dict[str, float]:
-        """{name: absolute upper bound}, as far as the result has them."""
+    def _bounds(self) -> dict[str, float]:
+        """{name: the bound that is farther from 0}, as far as the result has them."""
         covariance = self.result.get("covariance") or {}
-        return {axis["name"]: abs(axis["high"]) for axis in covariance.get("coordinates", ())}
+        axes = covariance.get("coordinates", ())
+        return {axis["name"]: max(abs(axis["low"]), abs(axis["high"])) for axis in axes}
 
 
 def _points(lines: list[dict[str, Any]], x: str, y: str) -> list[tuple[float, float]]:
@@ -146,6 +165,8 @@ def _not_done(board: Path) -> list[str]:
 def _read(path: Path, folder: Path) -> Record | None:
     try:
         config = read_json(path / "config.json")["config"]
+        if not isinstance(config, dict):
+            raise ValueError("config.json has no options of a run")
         if not (path / "result.json").is_file():
             return None
         result = read_json(path / "result.json")

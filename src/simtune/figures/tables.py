@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from simtune.config import UNTUNED
 from simtune.figures.authors import AUTHORS
 from simtune.figures.groups import ORDER, Group, Setting
 from simtune.figures.records import Record
-from simtune.figures.statistics import Centre, centre, stratified
+from simtune.figures.statistics import Centre, centre, interquartile_mean, stratified
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +23,7 @@ class Row:
     score: Centre | None  # return, or success as a share
     near_success: Centre | None
     returned: Centre | None  # only if the score is success
-    of_oracle: Centre | None  # the score as a share of the oracles' mean
+    of_oracle: Centre | None  # the score as a share of the oracles' centre
     percent_error: Centre | None
     real_episodes: Centre | None
     policy_steps: Centre | None
@@ -54,10 +56,10 @@ def _known(values: Sequence[float]) -> Centre | None:
 
 
 def shares_of_oracle(setting: Setting, group: Group) -> list[float]:
-    """Each seed's score as a share of the oracles' mean score in this setting."""
+    """Each seed's score as a share of the oracles' in this setting, their interquartile mean."""
     oracle = setting.group("oracle")
     reached = oracle.scores(setting.score) if oracle else []
-    level = sum(reached) / len(reached) if reached else 0.0
+    level = float(interquartile_mean(np.array(reached))) if reached else 0.0
     return [score / level for score in group.scores(setting.score)] if level > 0 else []
 
 

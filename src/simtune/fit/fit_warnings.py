@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from simtune.columns import cut
+from simtune.columns import cut, two_digits
 from simtune.fit.lateness import is_too_late
 from simtune.parameters import ParameterSpace
 
@@ -15,9 +15,14 @@ _ENDED_AT_BOUND = (
     "give it a wider {} to see"
 )
 _TOO_LATE = (
-    "{} come {:.0f} ms {}, the most that is fitted: the rest of a delay may pass for damping, so "
+    "{} come {:.0f} ms late, the most that is fitted: the rest of a delay may pass for damping, so "
     "nothing is called identified. Correct their times (latency_s in the tuning file), or declare "
     "a parameter of kind delay."
+)
+_TOO_EARLY = (
+    "{} come {:.0f} ms early, the most that is fitted: the rest may pass for something else, so "
+    "nothing is called identified. Does each row of the recording hold the action before it? Then "
+    "move the actions up by a row; else correct the times of either."
 )
 _MOST_TOLD = 6  # parameters
 _OF_TIMESTEP = (
@@ -55,8 +60,9 @@ def timestep_warning(
     told = []
     for i in sorted(np.flatnonzero(change), key=lambda i: -abs(change[i])):
         more, parameter = without[i] - at[i], space.parameters[i]
-        size = f"{100 * abs(more / at[i]):.2g} %" if at[i] else f"{abs(more):.2g} {parameter.unit}"
-        told.append(f"{parameter.name} {size} {'higher' if more > 0 else 'lower'}")
+        is_relative, how = bool(at[i]), "higher" if more > 0 else "lower"
+        size = two_digits(100 * abs(more / at[i]) if is_relative else abs(more))
+        told.append(f"{parameter.name} {size} {'%' if is_relative else parameter.unit} {how}")
     return [_OF_TIMESTEP.format(_ms(timestep_s), cut(told, _MOST_TOLD))] if told else []
 
 
@@ -109,10 +115,9 @@ def _later(late_s: float, std: float) -> str:
 
 
 def _ms(seconds: float) -> str:
-    """Milliseconds with two digits, and no power of ten."""
-    return f"{1e3 * seconds:.0f}" if 1e3 * seconds >= 9.95 else f"{1e3 * seconds:.2g}"
+    return two_digits(1e3 * seconds)
 
 
 def _too_late_warning(what: str, late_s: float) -> str:
     """On a lateness at the end of its range."""
-    return _TOO_LATE.format(what, 1e3 * abs(late_s), "late" if late_s > 0 else "early")
+    return (_TOO_LATE if late_s > 0 else _TOO_EARLY).format(what, 1e3 * abs(late_s))

@@ -98,11 +98,17 @@ def analyze(
 
 
 def one_by_one(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
-    """(N, N) copies of the (N,) parameters, row i with parameter i changed, away from its bound."""
+    """(N, N) copies of the (N,) parameters, row i with parameter i changed, away from its bound.
+
+    In a narrow range, at most to the farther bound.
+    """
     scale = _along_scale(space, space.high) - _along_scale(space, space.low)
     step = np.where(space.is_log, np.log(_FACTOR) / scale, _TENTH)
     unit = space.to_unit(parameters)
-    return space.from_unit(unit + np.diag(np.where(unit + step > 1, -step, step)))
+    moved = np.where(unit + step > 1, unit - step, unit + step)
+    changed = np.repeat(unit[None], len(unit), 0)
+    np.fill_diagonal(changed, np.where(moved < 0, unit < 0.5, moved))
+    return space.from_unit(changed)
 
 
 def _along_scale(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """What is tuned: parameters by name, their space, and how they are written into models."""
 
+from simtune.parameters.accuracy import percent_error
 from simtune.parameters.declare import camera_pose, colour, dynamics, field_of_view
 from simtune.parameters.field_index import rows_of
 from simtune.parameters.fields import field_of
@@ -16,5 +17,6 @@ __all__ = [
     "dynamics",
     "field_of",
     "field_of_view",
+    "percent_error",
     "rows_of",
 ]

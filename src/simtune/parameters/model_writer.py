@@ -13,7 +13,7 @@ from simtune.parameters.parameter import Parameter
 from simtune.parameters.space import ParameterSpace
 
 # Objects of exactly this rgba are drawn in their material's colour instead of their own
-_DEFAULT_GREY = np.array([0.5, 0.5, 0.5, 1], np.float32)
+DEFAULT_GREY = (0.5, 0.5, 0.5, 1.0)
 
 
 class ModelWriter:
@@ -83,8 +83,8 @@ class ModelWriter:
             parameter = self.space.parameters[i]
             _write_one(fields, parameter, self._indices[i], self._nominal, parameters[:, i])
         for field, rows in self._painted.items():
-            grey = (fields[field][:, rows] == _DEFAULT_GREY).all(-1)  # (n, rows)
-            nudged = np.nextafter(_DEFAULT_GREY[0], np.float32(1))
+            grey = (fields[field][:, rows] == DEFAULT_GREY).all(-1)  # (n, rows)
+            nudged = np.nextafter(np.float32(DEFAULT_GREY[0]), np.float32(1))
             fields[field][:, rows, 0] = np.where(grey, nudged, fields[field][:, rows, 0])
         for field, values in fields.items():
             if field_of(field).is_direction:
@@ -111,10 +111,8 @@ def _write_one(fields, parameter: Parameter, index: tuple, nominal, values: np.n
         return
     before = nominal[parameter.field][index]  # (objects, ...)
     shaped = values.reshape(-1, *[1] * before.ndim)
-    if parameter.is_sum:
-        shaped = shaped / parameter.nominal
-    if parameter.is_factor:
-        shaped = before * shaped
+    if parameter.is_factor:  # a sum of one object is its own value
+        shaped = before * (shaped / parameter.nominal if parameter.is_sum else shaped)
     elif info.form == "range":
         shaped = shaped * [-1, 1]
     elif info.form == "play":
@@ -185,5 +183,5 @@ def start_from_material(
         return
     for row in rows:
         material = getattr(model, material_ids)[row]
-        if material >= 0 and (rgba[row] == _DEFAULT_GREY).all():
+        if material >= 0 and (rgba[row] == DEFAULT_GREY).all():
             rgba[row] = model.mat_rgba[material]

@@ -1,8 +1,7 @@
 """The real world that a command names: `pseudo`, a robot, or recordings."""
 
-import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from simtune.config.robot import Driver
 from simtune.devices import choose_device
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
-from simtune.parameters import ParameterSpace
+from simtune.parameters.values_file import read_parameters
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.real.observed import observed, open_recordings
@@ -107,28 +106,3 @@ def _robot(config: RealConfig, task: AnyTask, image_size: int, out: Path | None)
     if config.has_search and not config.move and not real.num_filmed:
         raise InputError(f"dry run: {real.dry_run()}; give --move to let it move")
     return real
-
-
-def read_parameters(path: Path | None, space: ParameterSpace) -> np.ndarray:
-    """(N,) parameters from a JSON object of names and values; missing ones are nominal.
-
-    Also accepts a run's result.json, or parameters.json of an export. Raises InputError.
-    """
-    if path is None:
-        return space.nominal.copy()
-    try:
-        values: Any = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise InputError(f"{path} is not JSON: {error}") from error
-    if not isinstance(values, dict):
-        raise InputError(f"{path} must hold one JSON object of names and values")
-    found = values.get("parameters")
-    if isinstance(found, dict):
-        means = (e.get("mean") if isinstance(e, dict) else e for e in found.values())
-        values = dict(zip(found, means, strict=True))
-    try:
-        return space.from_dict(values)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None

@@ -25,9 +25,9 @@ _NOISE_SD = 0.02 * 255  # for each channel of a pixel
 class RealityGap:
     """Makes a pseudo-real world move late and look unlike the simulator.
 
-    The robot follows an action one step late, and stands still until then. The camera uses another
-    renderer, with shadows, reflections and smooth edges. Its pictures have their own brightness and
-    noise, and pass through a compressed video.
+    The robot follows actions one step late: it carries out the first for two steps, and the last
+    not at all. The camera uses another renderer, with shadows, reflections and smooth edges. Its
+    pictures have their own brightness and noise, and pass through a compressed video.
     """
 
     image_size: int

@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 
 from simtune.observation import ObservationModel
-from simtune.parameters import ParameterSpace
+from simtune.parameters import ParameterSpace, percent_error
 from simtune.random_streams import Purpose, stream
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
@@ -53,12 +53,7 @@ class Truth:
         return self._parameters.copy()
 
     def score(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) the truth, and (N,) the percent error 100·|mean − real|/|real| of an estimate (N,).
-
-        The error is divided by at least a hundredth of the bound that is farther from 0: a truth
-        may be 0 (black).
-        """
+        """(N,) the truth, and (N,) the percent error of an estimate (N,); see `percent_error`."""
         real, space = self._parameters, self._space
         farthest = np.maximum(np.abs(space.low), np.abs(space.high))
-        size = np.maximum(np.abs(real), 0.01 * farthest)
-        return real.copy(), 100 * np.abs(mean - real) / size
+        return real.copy(), percent_error(mean, real, farthest)

@@ -4,7 +4,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from simtune.config import UNTUNED
 from simtune.errors import InputError
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.sources import changed_sources, other_readers, source_of
-from simtune.tasks import AnyTask, Task, load_any_task, with_known_colours
 from simtune.validate import is_number
+
+if TYPE_CHECKING:
+    from simtune.tasks import AnyTask  # and MuJoCo, a second that who only compares runs saves
 
 
 class RoundEstimate(NamedTuple):
@@ -50,11 +52,13 @@ class RunData:
     videos: dict[str, bytes]  # mp4 files by name
     replay: dict[str, Any]  # the first episode's joint readings; empty if there are none
 
-    def load_task(self) -> AnyTask:
+    def load_task(self) -> "AnyTask":
         """The tuned task, from the copies that the run keeps, or else from the original files.
 
         Raises InputError if both are gone or have changed, or other versions read them otherwise.
         """
+        from simtune.tasks import load_any_task
+
         source = self.config["task"]
         kept = source_of(self.path, self.stored, source)
         with suppress(InputError):  # e.g. a file that it names by an absolute path is gone
@@ -80,7 +84,7 @@ class RunData:
             "bring it back, or tune anew"
         )
 
-    def _is_mine(self, task: AnyTask) -> bool:
+    def _is_mine(self, task: "AnyTask") -> bool:
         return self.config.get("task_content") == task.content_hash
 
     def get(self, key: str) -> Any:
@@ -187,6 +191,8 @@ class RunData:
 
         Empty if the task is not there.
         """
+        from simtune.tasks import Task, with_known_colours
+
         task = self._task if self.colours and self.search == "posterior" else None
         if not isinstance(task, Task):
             return frozenset()
@@ -195,7 +201,7 @@ class RunData:
         return frozenset(task.known_colours)
 
     @cached_property
-    def _task(self) -> AnyTask | None:
+    def _task(self) -> "AnyTask | None":
         """The tuned task; None if it cannot be read any more."""
         with suppress(InputError):
             return self.load_task() if self.config.get("task") else None

@@ -1,7 +1,5 @@
 """Plots of measured and simulated joint readings over time, and of their differences."""
 
-from itertools import groupby
-
 import numpy as np
 
 from simtune.report.data import RunData
@@ -15,7 +13,8 @@ _UNIT_PX = 12  # above the plot, for the unit
 # How far the axis may extend for curves of before tuning, in spans of the other curves: in plots of
 # readings, and of differences
 _MOST_SPANS = (2, 20)
-_CLEARLY = 1.1  # ratio of what is left after tuning to what was before
+# Readings that are farther apart than this, times how far nearly all are, are not joined by a line
+_HOLE, _NEARLY_ALL = 1.5, 0.9
 _SMALL = 0.5  # differences are written in thousandths if all are smaller
 
 
@@ -47,16 +46,6 @@ def in_thousandths(value: object, unit: str) -> str:
     if not is_number(value):
         return number(value)
     return f"{number(1000 * value)} m{unit}" if abs(value) < _SMALL else f"{number(value)} {unit}"
-
-
-def readings_farther(run: RunData) -> list[str]:
-    """Joint readings that are clearly farther off after tuning than before, in all episodes."""
-    found = []
-    for label, facts in run.readings.items():
-        before, after = facts.get("rms_before"), facts.get("rms")
-        if is_number(before) and is_number(after) and after > _CLEARLY * before:
-            found.append(label)
-    return found
 
 
 def plot_over_time(
@@ -103,11 +92,20 @@ def _ends(curves: dict[str, np.ndarray], zero: bool) -> tuple[float, float]:
 
 
 def _lines(times: np.ndarray, values: np.ndarray) -> list[list[tuple[float, float]]]:
-    """Stretches of known values, thinned to `_MOST_POINTS`."""
-    stride = max(1, -(-len(values) // _MOST_POINTS))
-    points = list(zip(times[::stride].tolist(), values[::stride].tolist(), strict=False))
-    stretches = groupby(points, lambda point: bool(np.isfinite(point[1])))
-    return [line for is_known, group in stretches if is_known and len(line := list(group)) > 1]
+    """Stretches of known values, of (T + 1,), thinned to about `_MOST_POINTS`.
+
+    A sensor that is read in every few rows is one line; it is open where more rows are missing.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) < 2:
+        return []
+    apart, stride = np.diff(known), -(-len(known) // _MOST_POINTS)
+    holes = np.flatnonzero(apart > _HOLE * np.quantile(apart, _NEARLY_ALL)) + 1
+    lines = []
+    for rows in np.split(known, holes):
+        kept = np.unique(np.append(rows[::stride], rows[-1]))
+        lines.append(list(zip(times[kept].tolist(), values[kept].tolist(), strict=True)))
+    return [line for line in lines if len(line) > 1]
 
 
 def curves_of(run: RunData, label: str) -> dict[str, np.ndarray]:

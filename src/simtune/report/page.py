@@ -84,7 +84,7 @@ def _environment() -> Environment:
     environment.tests["finite"] = is_number
     drawn = (plots.estimate_plot, plots.survival_plot, rank_plots.rank_histogram)
     drawn += (rank_plots.rank_dots, pair_plots.pair_plot)
-    drawn += (joint_plots.reading_plot, joint_plots.error_plot, part_plots.part_plot)
+    drawn += (joint_plots.reading_plot, joint_plots.error_plot, part_plots.part_distances)
     environment.globals |= {f.__name__: f for f in drawn} | {
         "interval_label": words.interval_label,
         "summary": words.summary,
@@ -94,8 +94,10 @@ def _environment() -> Environment:
         "num_holding": trust.num_holding,
         "reasons": precision_table.reasons,
         "ends_farther": part_plots.ends_farther,
-        "readings_farther": joint_plots.readings_farther,
+        "never_detected": part_plots.never_detected,
+        "readings_farther": trust.readings_farther,
         "further_off": words.further_off,
+        "diverging": words.diverging,
     }
     return environment
 

@@ -15,13 +15,24 @@ def moving_parts(run: RunData) -> MovingParts | None:
         return None
 
 
-def part_plot(run: RunData, part: str) -> Plot | None:
-    """Distance, in pixels, of a part in the video and in the simulator, before and after."""
-    known = moving_parts(run)
-    curves = known.distances().get(part) if known else None
-    if not curves:
-        return None
-    return plot_over_time(run, curves, f"{part}: how far off, before and after", "px", zero=True)
+def part_distances(run: RunData) -> dict[str, Plot]:
+    """{part: its distance, in pixels, between video and simulator, before and after}."""
+    known, found = moving_parts(run), {}
+    for part, curves in known.distances().items() if known else ():
+        title = f"{part}: how far off, before and after"
+        if plot := plot_over_time(run, curves, title, "px", zero=True):
+            found[part] = plot
+    return found
+
+
+def never_detected(run: RunData) -> list[str]:
+    """Parts that the detector is sure of in no picture of the video."""
+    return [
+        part
+        for part, facts in run.object("moving_parts").items()
+        if isinstance(facts, dict)
+        and not (is_number(facts.get("px")) or is_number(facts.get("px_before")))
+    ]
 
 
 def ends_farther(run: RunData) -> list[str]:

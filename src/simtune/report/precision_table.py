@@ -36,7 +36,7 @@ def compare(run: RunData) -> list[PrecisionComparison]:
     """
     checked = run.object("check")
     found = []
-    for name, facts in run.looked_at.items():
+    for name, facts in run.searched.items():
         expectation = checked.get(name)
         if not isinstance(expectation, dict) or not run.result:
             continue

@@ -1,4 +1,4 @@
-"""Trust in the estimates: known truths, ranks in known worlds, and correlated parameters."""
+"""Trust in the estimates: known truths, replays, ranks in known worlds, correlated parameters."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from simtune.report.data import RunData
 from simtune.validate import is_number
 
 _POSE = ("x", "y", "z", "pitch", "yaw", "roll")
+_CLEARLY = 1.1  # ratio of what is left after tuning to what was before
 _KINDS = {"ratio": "/", "product": "·", "difference": "−", "sum": "+"}
 
 
@@ -30,6 +31,22 @@ def num_holding(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[int, int]:
     """(intervals that hold their truth, intervals whose truth is known)."""
     held = [holds for facts in parameters.values() if (holds := holds_truth(facts)) is not None]
     return sum(held), len(held)
+
+
+def readings_farther(readings: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Joint readings that are clearly farther off after tuning than before.
+
+    Of {reading: its "rms_before" and "rms" over all episodes}. Where replays before tuning diverge,
+    which are left out of its "rms_before", nothing is.
+    """
+    found = []
+    for label, facts in readings.items():
+        before, after = facts.get("rms_before"), facts.get("rms")
+        if facts.get("diverged_before") or not (is_number(before) and is_number(after)):
+            continue
+        if after > _CLEARLY * before:
+            found.append(label)
+    return found
 
 
 def ranks(run: RunData) -> dict[str, list[float]]:

@@ -114,6 +114,22 @@ def further_off(readings: Sequence[str]) -> str:
     return f"after tuning, {', '.join(readings)} {verb} further off than before"
 
 
+def diverging(readings: Mapping[str, Mapping[str, Any]], num_episodes: Any) -> list[str]:
+    """On replays that diverge before tuning, or as tuned, as the facts on readings count them."""
+    said = []
+    for key, when in (("diverged_before", "before tuning"), ("diverged", "as tuned")):
+        counts = (facts.get(key) for facts in readings.values())
+        num = max((its for its in counts if isinstance(its, int)), default=0)
+        if num and num == num_episodes:
+            said.append(f"{when}, the simulator diverges in every replay: nothing to compare")
+        elif num:
+            of_all = counted(num, "replay")
+            if isinstance(num_episodes, int):
+                of_all = f"{num} of {counted(num_episodes, 'replay')}"
+            said.append(f"{when}, the simulator diverges in {of_all}: not counted")
+    return said
+
+
 def duration(seconds: Any) -> str:
     """Seconds as text: 45 s, 3 min 20 s, 2 h 05 min."""
     if not is_number(seconds):

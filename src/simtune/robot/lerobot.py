@@ -122,9 +122,8 @@ def make_lerobot(address: str, beside: Path) -> Any:
         raise InputError(f"address must be MODULE:FUNCTION, which makes a robot, got {address}")
     sys.path.insert(0, str(beside.resolve()))
     try:
-        robot = getattr(importlib.import_module(module), function)()
-    except Exception as error:  # the user's code may raise anything
-        raise InputError(f"{address} makes no robot: {error}") from error
+        with blame(f"{address} makes no robot"):
+            robot = getattr(importlib.import_module(module), function)()
     finally:
         sys.path.pop(0)
     if not hasattr(robot, "action_features"):

@@ -5,10 +5,9 @@ from collections.abc import Collection
 import mujoco
 import numpy as np
 
-from simtune.parameters.fields import FOLLOWS
+from simtune.parameters.fields import FOLLOWS, OF_JOINTS
 
 _AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
-_JOINTS = mujoco.mjtTrn.mjTRN_JOINT.value, mujoco.mjtTrn.mjTRN_JOINTINPARENT.value
 # A servo of speeds reaches most of what it is sent, within most times that a command is held
 _NEARLY, _SOON_S = 0.5, 0.3
 
@@ -45,7 +44,7 @@ def _is_stiff(model: mujoco.MjModel) -> np.ndarray:
     True for what moves no single joint.
     """
     stiff = np.ones(model.nactuator, bool)
-    for i in np.flatnonzero(np.isin(model.actuator_trntype, _JOINTS)):
+    for i in np.flatnonzero(np.isin(model.actuator_trntype, OF_JOINTS)):
         dof = model.jnt_dofadr[model.actuator_trnid[i, 0]]
         gear = model.actuator_gear[model.actuator_outadr[i], 0]
         brakes = -model.actuator_biasprm[i, 2] * gear**2

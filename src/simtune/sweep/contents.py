@@ -6,7 +6,7 @@ from typing import Any
 
 from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig
 from simtune.experiment.outcome import asked
-from simtune.real.choose import read_parameters
+from simtune.parameters.values_file import read_parameters
 from simtune.real.observed import observed, open_recordings
 from simtune.real.truth import Truth
 from simtune.run.config import check_asked, stored_config

@@ -19,7 +19,7 @@ from simtune.tuning.estimate import Estimate
 Kind = Literal["ratio", "product", "difference", "sum"]
 
 _ABOUT_ONE = (0.75, 1.33)
-_LARGEST_POWER = 5.0  # larger powers are not useful
+_LARGEST_POWER = 5.0
 _TINY = 1e-300  # lower bound for logarithms
 
 
@@ -54,6 +54,11 @@ def rounded_weight(weight: float) -> float:
     return 1.0 if _ABOUT_ONE[0] < weight < _ABOUT_ONE[1] else float(f"{weight:.1g}")
 
 
+def is_useful_power(weight: float) -> bool:
+    """Of a ratio or a product: beyond, it says hardly more than one parameter alone."""
+    return 1 / _LARGEST_POWER <= weight <= _LARGEST_POWER
+
+
 def _combine(
     estimate: Estimate, space: ParameterSpace, draws: np.ndarray, a: str, b: str, correlation: float
 ) -> Combination | None:
@@ -71,7 +76,7 @@ def _combine(
         return None
     is_colour = space.is_colour[pair].all()  # of one channel, under the same light
     weight = 1.0 if is_colour else rounded_weight(float(width[0] / width[1]))
-    if in_logs and not 1 / _LARGEST_POWER <= weight <= _LARGEST_POWER:
+    if in_logs and not is_useful_power(weight):
         return None
     quantiles = np.quantile(values @ [1, -weight if rise else weight], (0.5, 0.05, 0.95))
     middle, lower, upper = (float(value) for value in (np.exp(quantiles) if in_logs else quantiles))

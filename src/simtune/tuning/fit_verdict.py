@@ -31,7 +31,7 @@ from simtune.verdicts import at_most_weak
 
 
 def conclude_by_networks(
-    learned: LearningResult, context: SearchContext, config: RangeUpdateConfig
+    learned: LearningResult, context: SearchContext
 ) -> tuple[Estimate, np.ndarray]:
     """The estimate and its (N, C) curves where nothing is fitted; known parameters stay known."""
     searched = learned.searched
@@ -41,7 +41,7 @@ def conclude_by_networks(
         is_known = np.isfinite(context.known)
         at = searched.to_range_unit(np.where(is_known, context.known, searched.mean))
         curves = np.where(is_known[:, None], normal_curves(at, np.zeros(len(at))), curves)
-    return read_curves(curves, searched, context.first, config), curves
+    return read_curves(curves, searched, context.first), curves
 
 
 def conclude(
@@ -56,7 +56,7 @@ def conclude(
     space, trusted = searched.space, calibrated(fit, refits, searched.space)
     mean, std = to_range_units(trusted, searched)
     curves = with_fit(prob_higher, mean, std, config.posterior_net_weight)
-    read = read_curves(curves, searched, first, config)
+    read = read_curves(curves, searched, first)
     is_fitted = ~np.isin(np.arange(len(space)), fit.unfitted)
     side = np.where(is_fitted, out_of_reach(curves, searched), 0)
     at_ends = reach_warnings(space, side, read.mean)

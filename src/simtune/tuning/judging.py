@@ -26,7 +26,7 @@ from simtune.tuning.fit_verdict import conclude, conclude_by_networks
 from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.readings.estimate import ReadingsEstimate
-from simtune.tuning.rounds import FIT, FIT_AGAIN, REFIT
+from simtune.tuning.rounds import FIT, FIT_AGAIN, REFIT, RoundTime
 from simtune.tuning.search import Callbacks, SearchContext
 from simtune.tuning.survival_curves import point_estimate
 from simtune.verdicts import at_most_weak
@@ -37,6 +37,7 @@ _FEWEST_FITS = 2  # within that time: the real fit and one refit
 # would not end, and half a fit says nothing; the least one may still end.
 _PLANNED_SHARE = 0.55
 _REFIT = 0.9  # of a fit's time: no latency is searched for
+_FEWEST_KNOWN = 2  # worlds that are worth a round of their own
 _ENOUGH_REFITS = 4  # with time for fewer, refits have fewer episodes than the real fit
 _NO_FIT = (
     "There was no time to fit the simulator: these are first guesses by networks, and none is "
@@ -113,12 +114,13 @@ class Judging:
             picture_s=picture_s,
         )
 
-    def judge(self, is_last: bool, budget: Budget, callbacks: Callbacks) -> Judged:
-        """Fit, compare with known worlds until the budget is over, and conclude.
+    def judge(self, given: RoundTime, callbacks: Callbacks) -> Judged:
+        """Fit, compare with known worlds until the time is over, and conclude.
 
         If this cannot be the last round, known worlds and longer windows are left out. The fit's
         estimate is reported before known worlds are compared.
         """
+        budget, is_last, _ = given
         budget.report("fitting", FIT[0])
         observed = self.stage.observed(*self.learned.detected)
         try:
@@ -128,6 +130,7 @@ class Judging:
         plan = RefitPlan(0, 0)
         if is_last:
             fitted = self._fit_again(fitted, budget)
+            budget = self._for_known_worlds(fitted.seconds, given)
             plan = self._plan_refits(observed.actions.shape[:2], fitted.seconds, budget)
         fit, stage, _ = fitted
         if plan.num_worlds:
@@ -146,6 +149,16 @@ class Judging:
                 warnings = [*said, *estimate.warnings]
                 estimate = replace(estimate, verdict=verdict, warnings=warnings)
         return Judged(estimate, curves, EarlierRounds(refits, estimate))
+
+    def _for_known_worlds(self, fit_s: float, given: RoundTime) -> Budget:
+        """What is left of the round; of all rounds, where that is too short for two known worlds.
+
+        A fit that took so much longer than planned says little before it is judged, and a later
+        round's would take as long.
+        """
+        is_enough = given.budget.seconds_left > _FEWEST_KNOWN * _REFIT * fit_s
+        is_judged = self.earlier.refits and self.earlier.refits.misfits
+        return given.budget if is_enough or is_judged else given.whole
 
     def _may_be_misread(self, fit: FitResult, refits: Refits) -> bool:
         """Whether the motion is not explained, or by parameters at a bound.
@@ -213,8 +226,7 @@ class Judging:
 
         If there is none, that of the networks alone.
         """
-        config = self.config.range_update
-        estimate, curves = conclude_by_networks(self.learned, self.stage.context, config)
+        estimate, curves = conclude_by_networks(self.learned, self.stage.context)
         if self.earlier.estimate:
             return self.earlier.estimate, curves
         verdict = at_most_weak(estimate.verdict)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.columns import two_digits
 from simtune.fit import FEW_EPISODES, MOST_EPISODES, FitWork, count_fit_steps
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
@@ -161,7 +162,7 @@ def slow_steps(share: float, step_s: float, *, is_environment: bool = False) -> 
 
 
 def _ms(seconds: float) -> str:
-    return f"{1e3 * seconds:.2g} ms"
+    return f"{two_digits(1e3 * seconds)} ms"
 
 
 def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:

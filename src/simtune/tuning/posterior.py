@@ -42,7 +42,7 @@ from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import update_range
 from simtune.tuning.readings.estimate import ReadingsEstimate
 from simtune.tuning.readings.first import ReadingsFirst
-from simtune.tuning.rounds import Rounds, half_widths
+from simtune.tuning.rounds import Rounds, RoundTime, half_widths
 from simtune.tuning.search import (
     NO_CALLBACKS,
     Callbacks,
@@ -141,9 +141,9 @@ class PosteriorSearch(Search):
         if by_readings:
             self.distribution = by_readings.narrowed(self.distribution)
             real = by_readings.without_delay(real)
-        budget, is_last = self._plan(real, budget)
-        learned, metrics = self._learn(real, budget, callbacks.save)
-        estimate, curves = self._judge(learned, by_readings, is_last, budget, callbacks)
+        given = self._plan(real, budget)
+        learned, metrics = self._learn(real, given.budget, callbacks.save)
+        estimate, curves = self._judge(learned, by_readings, given, callbacks)
         estimate, events = self._move(estimate, curves, learned.searched)
         if doubts := self._readings_first.warnings:  # not stored: a later round has its own
             estimate = replace(estimate, warnings=[*doubts, *estimate.warnings])
@@ -175,8 +175,7 @@ class PosteriorSearch(Search):
         self,
         learned: LearningResult,
         by_readings: ReadingsEstimate | None,
-        is_last: bool,
-        budget: Budget,
+        given: RoundTime,
         callbacks: Callbacks,
     ) -> tuple[Estimate, np.ndarray]:
         """Fit and judge, where that is possible; doubt. Also returns the (N, C) curves."""
@@ -187,13 +186,12 @@ class PosteriorSearch(Search):
                 learned,
                 by_readings,
                 self._earlier,
-                budget,
+                given.budget,
                 self._times.picture_s if self._times else 0.0,
             )
-            estimate, curves, self._earlier = judging.judge(is_last, budget, callbacks)
+            estimate, curves, self._earlier = judging.judge(given, callbacks)
         else:
-            config = self.config.range_update
-            estimate, curves = conclude_by_networks(learned, self.context, config)
+            estimate, curves = conclude_by_networks(learned, self.context)
         if by_readings is None or not by_readings.is_used:
             strangeness = measure_strangeness(learned.keypoints, learned.held_out, learned.detected)
             estimate = doubted(estimate, strangeness)
@@ -219,8 +217,8 @@ class PosteriorSearch(Search):
         self._unfinished = None
         return estimate, events
 
-    def _plan(self, real: list[Trajectory], budget: Budget) -> tuple[Budget, bool]:
-        """The present round's part of the budget, and whether the round may be the last one."""
+    def _plan(self, real: list[Trajectory], budget: Budget) -> RoundTime:
+        """How long the present round may take."""
         if not budget.is_endless and self._times is None:
             self.measure_time(real)
         return self._rounds.plan(budget, self._times.whole_s if self._times else math.inf)

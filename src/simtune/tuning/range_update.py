@@ -18,6 +18,7 @@ from simtune.verdicts import Verdict, verdict_of
 _BEYOND = 0.05  # probability beyond an end of the grid, from which the interval reaches the bound
 _INFORMATIVE = 0.565  # of the range: a curve whose central 90 % is wider says nothing
 _EDGE = 0.01  # of the range, from its ends
+_WIDER = 0.75  # of the range: from the median to an end that is widened
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,10 +31,7 @@ class RangeUpdateConfig:
 
 
 def read_curves(
-    prob_higher: np.ndarray,
-    distribution: Distribution,
-    first: Distribution,
-    config: RangeUpdateConfig,
+    prob_higher: np.ndarray, distribution: Distribution, first: Distribution
 ) -> Estimate:
     """Median, 90 % interval and verdict of (N, C) survival curves on the grid."""
     space, prob_higher = distribution.space, prob_higher.astype(float)
@@ -62,33 +60,54 @@ def update_range(
     config: RangeUpdateConfig,
 ) -> tuple[Distribution, list[Event]]:
     """Move to the median; narrow the range if the curve is sharp, widen it if it hits an edge."""
-    space = distribution.space
+    space, median = distribution.space, quantile(prob_higher, 0.5)
     # Half of the smallest width allowed, in coordinates of the present range
     old_width = first.to_range_unit(distribution.high) - first.to_range_unit(distribution.low)
     smallest = config.smallest_share / old_width / 2
-    median = quantile(prob_higher, 0.5)
-    q_low, q_high = quantile(prob_higher, 0.01), quantile(prob_higher, 0.99)
-    half = np.clip(config.margin * (q_high - q_low) / 2, smallest, 0.5)
-    middle = (q_low + q_high) / 2
-    low, high = np.maximum(middle - half, 0), np.minimum(middle + half, 1)
-    # Also at an edge, or with all of the posterior beyond it:
-    middle = np.clip((low + high) / 2, smallest, 1 - smallest)
-    low, high = np.minimum(low, middle - smallest), np.maximum(high, middle + smallest)
-    beyond_low = quantile(prob_higher, config.edge_mass) < _EDGE
-    beyond_high = quantile(prob_higher, 1 - config.edge_mass) > 1 - _EDGE
-    # A flat curve has quantiles at the edges, but they mean nothing. The central 90 % excludes the
-    # tails that a fit's mixture has from the network.
-    central = quantile(prob_higher, 0.95) - quantile(prob_higher, 0.05)
-    is_informative = central < _INFORMATIVE
+    middle, half = _middle_and_half(prob_higher, config.margin)
+    half = np.maximum(half, smallest)
     is_kept = 2 * half > config.barely_narrowed
-    low, high = np.where(is_kept, 0, low), np.where(is_kept, 1, high)
-    low = np.where(beyond_low & is_informative, median - 0.75, low)
-    high = np.where(beyond_high & is_informative, median + 0.75, high)
+    is_widened = _is_beyond(prob_higher, config.edge_mass) & _is_informative(prob_higher)
+    low, high = np.select(
+        [is_widened, is_kept],
+        [np.stack([median - _WIDER, median + _WIDER]), [[0.0], [1.0]]],
+        _narrowed(middle, half, smallest),
+    )
     ends = (np.clip(median, low, high), low, high)
     updated = distribution.with_interval(
         *(space.clip(distribution.from_range_unit(end)) for end in ends)
     )
     return updated, _events(distribution, updated)
+
+
+def _middle_and_half(prob_higher: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) middle and (N,) half width, times `margin`, of the central 98 %."""
+    low, high = quantile(prob_higher, 0.01), quantile(prob_higher, 0.99)
+    return (low + high) / 2, margin * (high - low) / 2
+
+
+def _is_beyond(prob_higher: np.ndarray, edge_mass: float) -> np.ndarray:
+    """(2, N) bool: whether the posterior may go on below, and above the range."""
+    below = quantile(prob_higher, edge_mass) < _EDGE
+    return np.stack([below, quantile(prob_higher, 1 - edge_mass) > 1 - _EDGE])
+
+
+def _is_informative(prob_higher: np.ndarray) -> np.ndarray:
+    """(N,) bool: not of a flat curve, whose quantiles at the edges mean nothing.
+
+    The central 90 % excludes the tails that a fit's mixture has from the network.
+    """
+    return quantile(prob_higher, 0.95) - quantile(prob_higher, 0.05) < _INFORMATIVE
+
+
+def _narrowed(middle: np.ndarray, half: np.ndarray, smallest: np.ndarray) -> np.ndarray:
+    """(2, N) ends of a range that is `half` as wide, within 0 and 1, but not below `smallest`.
+
+    Also at an edge, or with all of the posterior beyond it.
+    """
+    low, high = np.maximum(middle - half, 0), np.minimum(middle + half, 1)
+    middle = np.clip((low + high) / 2, smallest, 1 - smallest)
+    return np.stack([np.minimum(low, middle - smallest), np.maximum(high, middle + smallest)])
 
 
 def _events(before: Distribution, after: Distribution) -> list[Event]:

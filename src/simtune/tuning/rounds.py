@@ -2,7 +2,7 @@
 
 import math
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,14 @@ SIMULATE, TRAIN_DETECTOR, TRAIN_POSTERIOR_NET, TRAIN_ESTIMATOR, FIT, FIT_AGAIN, 
 _LONGER = 1.5  # longest later round, relative to a whole first one
 _MAY_BE_ZERO = 0.1  # of the range: half-widths of what is nearer to 0 are not relative to that
 _WORTHWHILE = 0.8  # ratio of interval widths between rounds below which it pays to go on
+
+
+class RoundTime(NamedTuple):
+    """How long a round may take."""
+
+    budget: Budget  # its part
+    is_last: bool  # whether it may be the last one
+    whole: Budget  # of this round and all later ones
 
 
 def plan_round(seconds_left: float, full_s: float, is_last: bool) -> float:
@@ -60,18 +68,16 @@ class Rounds:
         self.num_done, self.stop_reason = 0, ""
         self._widths: list[float] | None = None  # relative, of the last round
 
-    def plan(self, budget: Budget, full_s: float) -> tuple[Budget, bool]:
-        """The next round's part of the budget, and whether it may be the last one.
-
-        `full_s`: seconds of a whole first round.
-        """
+    def plan(self, budget: Budget, full_s: float) -> RoundTime:
+        """The next round's part of the budget; `full_s`: seconds of a whole first round."""
         index = min(self.num_done, self._most - 1)
         span = index / self._most, (index + 1) / self._most
         name, is_last = f"round {self.num_done + 1}: ", index == self._most - 1
         if budget.is_endless:
-            return budget.part(math.inf, span, name), is_last or self._precision > 0
+            part, may_be_last = budget.part(math.inf, span, name), is_last or self._precision > 0
+            return RoundTime(part, may_be_last, budget)
         seconds = plan_round(budget.seconds_left, full_s, is_last)
-        return budget.part(seconds, span, name), True
+        return RoundTime(budget.part(seconds, span, name), True, budget)
 
     def end(self, widths: np.ndarray, may_be_known: bool = True, is_judged: bool = True) -> None:
         """End a round with `half_widths` of what counts.

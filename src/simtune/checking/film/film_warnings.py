@@ -17,6 +17,7 @@ _EXCHANGED = (
     "what moves in the film moves as camera {} sees it, and what moves in that one's film as this "
     "camera does: are their keys exchanged?"
 )
+_ROOM = '; where the room around is not in the model, say background = "{}"'
 _OR_A_SHADOW = "; or something else moves, such as a shadow"  # what stands still is the film's
 
 
@@ -26,6 +27,8 @@ def warnings(
     exchanged_with: str | None = None,
     turned: Turned | None = None,
     at_odds: AtOdds | None = None,
+    *,
+    camera_moves: bool = False,
 ) -> list[str]:
     """A sentence if the film cannot show the simulator's scene as its camera sees it.
 
@@ -38,23 +41,32 @@ def warnings(
         return [_against_readings(turned)]
     if at_odds is not None:
         return [_against_actions(at_odds)]
+    found = _beside_simulated(film, comparison, camera_moves)
+    if found and camera_moves and not film.view.background_is_unknown:
+        found += _ROOM.format("unknown")
+    return [found] if found else []
+
+
+def _beside_simulated(film: CameraFilm, comparison: Comparison, camera_moves: bool) -> str:
+    """What is unlike the simulator's pictures; empty if nothing is."""
     if comparison.simulated_moving_share < _STILL * comparison.moving_share > _STILL * _SOME:
-        return [_STUCK]
+        return _STUCK
     if comparison.moving_share < _STILL * comparison.simulated_moving_share:
-        return ["nothing moves in the film, though the simulator's parts do: is it this scene?"]
+        return "nothing moves in the film, though the simulator's parts do: is it this scene?"
     if film.view.background_is_unknown:  # the film shows more than the simulator draws
-        return []
+        return ""
     other = "and even then another scene than the simulator's, or seen from elsewhere"
     if comparison.is_reframed:
         also = f", {other}" * (comparison.framed_alike < _ALIKE)
-        return [f"beside the simulator's pictures the film looks {comparison.framing.says}{also}"]
-    if comparison.alike < _ALIKE:
-        return [
-            "the film looks like another scene than the simulator's, or seen from elsewhere: "
-            f"{comparison.alike:.2f} times as like it as the simulator's own worlds are to each "
-            f"other{_OR_A_SHADOW * film.is_plate}"
-        ]
-    return []
+        return f"beside the simulator's pictures the film looks {comparison.framing.says}{also}"
+    if comparison.alike >= _ALIKE:
+        return ""
+    why = "" if camera_moves else _OR_A_SHADOW if film.is_plate else _ROOM.format("recording")
+    return (
+        "the film looks like another scene than the simulator's, or seen from elsewhere: "
+        f"{comparison.alike:.2f} times as like it as the simulator's own worlds are to each "
+        f"other{why}"
+    )
 
 
 def _against_readings(turned: Turned) -> str:

@@ -19,8 +19,6 @@ from simtune.checking.film.turned import Turned, turned
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
 
-_NOT_MODELLED = 'where the room around is not in the model, say background = "unknown"'
-
 
 class Why(NamedTuple):
     """What explains that a film is unlike the simulator, as far as something does."""
@@ -91,10 +89,8 @@ def _look_at_one(
     comparison = compare(film.frames, library)
     states = library.states.reshape(-1, library.states.shape[-1])
     film = film._replace(painted=painted_over(simulator, states, number))
-    warned = warnings(film, comparison, *why)
-    may_be_the_room = not any(why) and not film.view.background_is_unknown
-    if warned and may_be_the_room and camera_moves(simulator.model, film.view.camera):
-        warned = [f"{warned[0]}; {_NOT_MODELLED}"]
+    moves = camera_moves(simulator.model, film.view.camera)
+    warned = warnings(film, comparison, *why, camera_moves=moves)
     if why.other is None and (rest := resting_parts(simulator, library, number)):
         warned.append(in_words(rest))
     hidden = hidden_background(film.painted) if film.is_plate else []

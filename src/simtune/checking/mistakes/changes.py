@@ -12,14 +12,16 @@ from simtune.simulation import Simulator
 from simtune.simulation.other_actions import exchanged, other_actions, pairs
 from simtune.units import OTHER_UNITS
 
+ZERO = "\0"  # in what a change says: how far a zero is elsewhere; in no name, unlike braces
 _EIGHTH = np.pi / 4  # of a turn, by which zeros are tried
 _FINER = 3  # zeros to both sides of the best one
+NEARBY = 2 * _FINER + 1
 
 
 class Change(NamedTuple):
     """A change of readings (E, T + 1, D), or of actions (E, T, A)."""
 
-    says: str  # {zero}: by how much a zero is elsewhere
+    says: str  # perhaps with ZERO in it
     read: np.ndarray  # (D,) columns to take
     factor: np.ndarray  # (D,) on them
     shift: np.ndarray  # (D,) added to them
@@ -31,9 +33,7 @@ class Change(NamedTuple):
         return Readings(readings.actions[..., self.act] * self.push, values)
 
     def nearby(self) -> list["Change"]:
-        """With zeros around this one's, if it changes one; itself among them."""
-        if not self.shift.any():
-            return [self]
+        """`NEARBY` of them, with zeros around this one's; itself among them."""
         steps = np.arange(-_FINER, _FINER + 1) / (2 * _FINER)
         return [self._replace(shift=self.shift + s * _EIGHTH * (self.shift != 0)) for s in steps]
 
@@ -80,7 +80,7 @@ def _other_units(same: Change, sensor: JointSensor, its: np.ndarray) -> Iterator
 
 def _other_zeros(same: Change, column: int, joint: str, sensor: str) -> Iterator[Change]:
     says = (
-        f"the zero of {joint} seems to be {{zero:.2f}} rad from the model's (measured − true; "
+        f"the zero of {joint} seems to be {ZERO} rad from the model's (measured − true; "
         f"offset of sensor {sensor}, in its own unit)"
     )
     for number in (1, -1, 2, -2, 3, -3, 4):

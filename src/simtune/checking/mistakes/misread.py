@@ -11,14 +11,21 @@ actions that do less, or more.
 
 import math
 import time
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from simtune.checking.mistakes.changes import Change, changes
+from simtune.budget import Budget
+from simtune.checking.mistakes.changes import NEARBY, Change, changes
 from simtune.checking.mistakes.dead import dead_encoders
-from simtune.checking.mistakes.short_replays import FEW_PIECES, PIECE_S, ShortReplays
+from simtune.checking.mistakes.explained import Explained
+from simtune.checking.mistakes.short_replays import (
+    FEW_PIECES,
+    PIECE_S,
+    SIZES_TRIED,
+    ShortReplays,
+)
 from simtune.fit import Readings, recorded_loop, where_starts_show
 from simtune.fit.readings.sensitivity import LONGEST_S, MOST_EPISODES
 from simtune.fit.sensitivity import where_analyzed
@@ -26,83 +33,122 @@ from simtune.observation import ObservationModel, joints_of
 from simtune.simulation import Simulator
 from simtune.simulation.servos import motors
 
-_MOST_MISTAKES, _MOST_S = 3, 20.0  # seconds for each
+T = TypeVar("T")
+
+MOST_S = 60.0
+_MOST_MISTAKES = 3
+_LIKELY = 10  # changes that are tried on all pieces, if time is short
 _LYING = np.pi / 2
 _WELL = 0.3  # of squared deviations of uniform motion: with so few left no mistake is looked for
 _BETTER, _CLEARLY = 0.9, 0.7  # of what is left without one change, and without all
 _AS_LITTLE = 1.1  # times what is left with actions: so much is without, if they explain nothing
 
 
-def misread(readings: Readings, simulator: Simulator, observation: ObservationModel) -> list[str]:
+def misread(
+    readings: Readings,
+    simulator: Simulator,
+    observation: ObservationModel,
+    most_s: float = MOST_S,
+) -> list[str]:
     """A sentence on changes after which short replays leave clearly less, the largest first.
 
     If there are none, one says so if motors explain nothing of a motion. None where all joints
-    follow servos, or where a robot begins anywhere and no sensor says so.
+    follow servos, or where a robot begins anywhere and no sensor says so. What would take more
+    than `most_s` seconds in all is not tried.
     """
     if dead := dead_encoders(readings, simulator, joints_of(observation.sensors)):
         return dead  # what is replayed from these says nothing
     if not (tried := changes(simulator, observation)):
         return []
+    budget = Budget(most_s)
     nominal, steps = where_analyzed(simulator.space), round(LONGEST_S / simulator.step_s)
-    few = slice(MOST_EPISODES)
+    loop, few = recorded_loop(simulator, observation, nominal, readings), slice(MOST_EPISODES)
     readings = Readings(readings.actions[few, :steps], readings.values[few, : steps + 1])
-    loop = recorded_loop(simulator, observation, nominal, readings)
-    unit = simulator.space.to_unit(nominal)
-    if where_starts_show(loop, readings, unit).unseen:
+    replays = ShortReplays(loop, simulator.space.to_unit(nominal))
+    if where_starts_show(loop, readings, replays.unit).unseen:
         return []
     if loop.measured.bases:  # which stand: no zero is so far off that they lie or hang
         tried = [change for change in tried if (np.abs(change.shift) < _LYING).all()]
-    replays, began_s = ShortReplays(loop, unit), time.monotonic()
-    left = replays.left(readings)
-    takes_s = time.monotonic() - began_s
-    if left <= _WELL:
+    first, each_s = _timed(lambda: Explained(replays, readings, replays.left(readings)))
+    if first.left <= _WELL or SIZES_TRIED * each_s > budget.seconds_left:
         return []
-    changed = _changed(replays, readings, tried, left, takes_s)
-    return changed or _unexplained(replays, readings, simulator)
+    _, few_s = _timed(lambda: replays.left(readings, FEW_PIECES))
+    trying = Trying(budget, each_s, few_s)
+    explained = _explained(first, trying.affordable(tried), trying)
+    if explained is None:
+        return []
+    if not explained.found or explained.left > _CLEARLY * first.left_at_best_size:
+        return _unexplained(first, simulator)
+    nearer = f"{math.sqrt(first.left_at_best_size / explained.left):.2g} times as near"
+    says = explained.in_words()
+    return [f"{says}: then replays of {PIECE_S:g} s end {nearer} to what was read"]
 
 
-def _changed(
-    replays: ShortReplays, readings: Readings, tried: list[Change], left: float, takes_s: float
-) -> list[str]:
-    """A sentence on changes that help, made one after the other as long as any does.
+def _timed(work: Callable[[], T]) -> tuple[T, float]:
+    """What it gives, and the seconds that it took."""
+    began_s = time.monotonic()
+    return work(), time.monotonic() - began_s
 
-    `left`: of the readings as they are, in `takes_s` seconds.
+
+class Trying(NamedTuple):
+    """How many changes can be tried in the time there is."""
+
+    budget: Budget
+    each_s: float  # that one takes
+    few_s: float  # with few pieces
+
+    def affordable(self, tried: list[Change]) -> list[Change]:
+        """Those of which a few pieces can be replayed: else without zeros, which are most."""
+        if len(tried) * self.few_s <= self._one_mistake_s:
+            return tried
+        return [change for change in tried if not change.shift.any()]
+
+    def likely(self, explained: Explained, tried: list[Change]) -> list[Change]:
+        """Those that are tried on all pieces: some of the likeliest if time is short, or none."""
+        left_s = self.budget.seconds_left - NEARBY * self.each_s
+        if len(tried) * self.each_s <= min(self._one_mistake_s, left_s):
+            return tried
+        num = int((left_s - len(tried) * self.few_s) / self.each_s)
+        if num < 1:
+            return []
+        return explained.replays.likely(explained.readings, tried, min(num, _LIKELY))
+
+    @property
+    def _one_mistake_s(self) -> float:
+        return self.budget.seconds / _MOST_MISTAKES
+
+
+def _explained(first: Explained, tried: list[Change], trying: Trying) -> Explained | None:
+    """After changes that help, made one after the other as long as any does and there is time.
+
+    None if there is no time to try any.
     """
-    first = left
-    tried = _in_time(tried, takes_s * FEW_PIECES / replays.num_pieces)
-    scale, found = np.ones(readings.values.shape[-1]), dict[str, _Found]()
-    for _ in range(_MOST_MISTAKES):
-        if left <= _WELL:
+    explained, replays = first, first.replays
+    for number in range(_MOST_MISTAKES):
+        sizes_s = SIZES_TRIED * trying.each_s
+        if explained.left <= _WELL or (number and sizes_s > trying.budget.seconds_left):
             break
-        are_many = takes_s * len(tried) > _MOST_S
-        likely = replays.likely(readings, tried) if are_many else tried
-        less, best, others = replays.best(readings, likely)
-        least = min(left, replays.left_by_other_sizes(readings))
-        first = least if not found else first
-        if least <= _WELL or less > _BETTER * least:
+        if explained.left_at_best_size <= _WELL:
             break
-        less, best, _ = replays.best(readings, best.nearby())
-        before = found.get(best.says, _Found(0.0, []))
-        if before.others and not best.shift.any():  # twice is not at all
-            del found[best.says]
-        else:
-            zero = before.zero - float((best.shift / scale).sum())
-            found[best.says] = _Found(zero, others)
-        readings, scale, left = best.of(readings), scale[best.read] * best.factor, less
-    if not found or left > _CLEARLY * first:
-        return []
-    nearer = f"{math.sqrt(first / left):.2g} times as near to what was read"
-    return [f"{_in_words(found)}: then replays of {PIECE_S:g} s end {nearer}"]
+        if not (likely := trying.likely(explained, tried)):
+            return explained if number else None
+        left, best, others = replays.best(explained.readings, likely)
+        if left > _BETTER * explained.left_at_best_size:
+            break
+        if best.shift.any():
+            left, best, _ = replays.best(explained.readings, best.nearby())
+        explained = explained.with_change(best, left, others)
+    return explained
 
 
-def _unexplained(replays: ShortReplays, readings: Readings, simulator: Simulator) -> list[str]:
+def _unexplained(first: Explained, simulator: Simulator) -> list[str]:
     """A sentence if motors, all that there is, explain nothing of a motion that readings show."""
+    replays, readings, left = first.replays, first.readings, first.left_at_best_size
     all_push = motors(simulator.model).all() and readings.actions.any()
-    if not all_push or not replays.moves(readings):
+    if not all_push or left <= _WELL or not replays.moves(readings):
         return []
-    left = replays.left_by_other_sizes(readings)
     unmoved = replays.left(Readings(0 * readings.actions, readings.values))
-    if left <= _WELL or unmoved > _AS_LITTLE * left:
+    if unmoved > _AS_LITTLE * left:
         return []
     return [
         f"replays of {PIECE_S:g} s explain little of what was read, and no less without any "
@@ -110,26 +156,3 @@ def _unexplained(replays: ShortReplays, readings: Readings, simulator: Simulator
         "its units. Targets, steps of a hand and what a policy says are for a controller: log what "
         "that one tells the motors"
     ]
-
-
-class _Found(NamedTuple):
-    """Of a change that helps."""
-
-    zero: float  # what was measured of a joint that is at 0, if it changes a zero
-    others: list[str]  # what it says, and what another one does that helps as much
-
-
-def _in_time(tried: list[Change], takes_s: float) -> list[Change]:
-    """Changes that can be tried if each `takes_s`: else without zeros, which are most."""
-    if takes_s * len(tried) <= _MOST_S:
-        return tried
-    return [change for change in tried if not change.shift.any()]
-
-
-def _in_words(found: Mapping[str, _Found]) -> str:
-    """Each change, and what may be meant instead if nothing else says that."""
-    told = []
-    for says, (zero, others) in found.items():
-        instead = [other for other in others if other not in found]
-        told.append(", or ".join([says, *instead[:1]]).format(zero=zero))
-    return ", and ".join(told)

@@ -19,9 +19,9 @@ _FEWER = 20  # pieces, where contacts take time
 _BEFORE_S = 0.2  # from which what no sensor measures goes along
 # By which actions may be late: half a period more of what a controller shakes looks reversed
 _LATE_S = (0.0, 0.02, 0.04, 0.06, 0.08)
-_SIZES = (1 / 3, 1 / 2, 1.0, 2.0, 3.0)  # of what actions do, in those of the model's first values
+_SIZES = (1 / 3, 1 / 2, 2.0, 3.0)  # of what actions do, beside that of the model's first values
 _NEARER = (1.3, 1.14, 1.07, 1.03)  # factors from the best of these to one nearer
-_LIKELY = 10  # changes
+SIZES_TRIED = len(_SIZES) + 2 * len(_NEARER)
 _LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
 _MOST = 10.0  # squared deviations, in those of uniform motion, that a reading counts as at most
 _CLEARLY = 3.0  # times what noise of the first readings makes of a speed
@@ -45,9 +45,9 @@ class ShortReplays(NamedTuple):
         most = self._steps * assumed_noise(self.loop.sensors)
         return bool((np.sqrt(moved) > _CLEARLY * most).any())
 
-    def likely(self, readings: Readings, tried: Sequence[Change]) -> list[Change]:
+    def likely(self, readings: Readings, tried: Sequence[Change], num: int) -> list[Change]:
         """The changes that leave least of a few pieces."""
-        return sorted(tried, key=lambda its: self.left(its.of(readings), FEW_PIECES))[:_LIKELY]
+        return sorted(tried, key=lambda its: self.left(its.of(readings), FEW_PIECES))[:num]
 
     def best(self, readings: Readings, tried: Sequence[Change]) -> tuple[float, Change, list[str]]:
         """How much the change leaves that leaves least, itself, and what as good ones say."""
@@ -57,8 +57,8 @@ class ShortReplays(NamedTuple):
         as_good = [its.says for left, its in each if left < near and not its.shift.any()]
         return least, best, [*dict.fromkeys([best.says, *as_good])]
 
-    def left_by_other_sizes(self, readings: Readings) -> float:
-        """What is `left` at the best size of what actions do, which nobody has read.
+    def left_at_best_size(self, readings: Readings, left: float) -> float:
+        """The same at the best size of what actions do, which nobody has read; `left`: at 1.
 
         What hovers falls or rises unless that is right to a few percent.
         """
@@ -66,7 +66,7 @@ class ShortReplays(NamedTuple):
         def at(size: float) -> tuple[float, float]:
             return self.left(Readings(size * readings.actions, readings.values)), size
 
-        best = min(map(at, _SIZES))
+        best = min((left, 1.0), *map(at, _SIZES))
         for nearer in _NEARER:
             best = min(best, at(best[1] * nearer), at(best[1] / nearer))
         return best[0]

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.columns import two_digits
 from simtune.fit.calibration.refits import Refits
 from simtune.fit.motion.common_errors import Beside
 from simtune.fit.result import FitResult
@@ -122,7 +123,7 @@ def _of_motion(fit: FitResult, refits: Refits) -> list[str]:
         ratio, worst = max(ratios), int(np.argmax(ratios))
         (name, unit), distance = fit.sensors[worst], fit.misfit.motion[worst]
         found = (
-            f"they are {distance:.2g} {unit} apart ({name}), {ratio:.1f} times as far as"
+            f"they are {two_digits(distance)} {unit} apart ({name}), {ratio:.1f} times as far as"
             if np.isfinite(ratio)
             else "nothing that moves is found for sure, as it is"
         )

@@ -24,6 +24,28 @@ class DifferencePoint(NamedTuple):
     touches: bool = True  # whether anything does in these stretches
 
 
+class Changes(NamedTuple):
+    """Predictions of W stretches, and how they change with each of G groups of unknowns."""
+
+    here: np.ndarray  # (W, K + 1, D)
+    there: np.ndarray  # (G, W, K + 1, D) changes when a group's unknowns change at once
+    # (B, W, K + 1, D) the same, seen from the other side, of the first B groups
+    other_side: np.ndarray
+
+    def agreed(self) -> np.ndarray:
+        """(G, W, K + 1, D) changes, of the first B groups as far as both sides agree."""
+        both = len(self.other_side)
+        return np.concatenate([agreed(self.there[:both], self.other_side), self.there[both:]])
+
+    def less(self, others: np.ndarray) -> "Changes":
+        """Without what (G, W, K + 1, D) `others` make of them. What exploded is 0, and stays so."""
+        there, other_side = (
+            np.where(its.any((2, 3), keepdims=True), its - others[: len(its)], 0.0)
+            for its in (self.there, self.other_side)
+        )
+        return Changes(self.here, there, other_side)
+
+
 def differentiate(
     loop: OpenLoopReplay, at: DifferencePoint, one_sided: bool = False
 ) -> StretchSlopes:
@@ -36,12 +58,10 @@ def differentiate(
     """
     delta = _deltas(loop, at.unit)
     number = np.arange(len(delta))
-    here, there, others = changed_together(loop, at, delta, number, one_sided)
-    twice = len(others)
-    there[:twice] = agreed(there[:twice], others)
-    slopes = (there / delta[:, None, None, None]).swapaxes(0, 1)
+    changes = changed_together(loop, at, delta, number, one_sided)
+    slopes = (changes.agreed() / delta[:, None, None, None]).swapaxes(0, 1)
     num = len(loop.fitted)
-    return StretchSlopes(here, slopes[:, :num], slopes[:, num:])
+    return StretchSlopes(changes.here, slopes[:, :num], slopes[:, num:])
 
 
 def refresh(
@@ -52,7 +72,7 @@ def refresh(
     The others keep their values from a point near by. One-sided where nothing touches.
     """
     delta, num = _deltas(loop, at.unit), len(loop.fitted)
-    here, there, others = changed_together(loop, at, delta, groups.number, one_sided=True)
+    changes = changed_together(loop, at, delta, groups.number, one_sided=True)
     derived = np.concatenate([slopes.by_parameter, slopes.by_start], 1).swapaxes(0, 1)  # (U, W, …)
     is_main = np.zeros((len(delta), loop.measured.num_readings), bool)  # (U, D)
     anew = np.flatnonzero(groups.number >= 0)
@@ -61,18 +81,11 @@ def refresh(
     # Subtract the (old) effect of the other unknowns in each group
     by_others = np.where(is_main[:, None, None], 0.0, derived * delta[:, None, None, None])
     of_group = groups.number == np.arange(len(groups.owner))[:, None]  # (G, U)
-    side = np.tensordot(of_group.astype(float), by_others, 1)
-    twice = len(others)
-    # What exploded is 0, and stays so
-    there, others = (
-        np.where(its.any((2, 3), keepdims=True), its - side[: len(its)], 0.0)
-        for its in (there, others)
-    )
-    there[:twice] = agreed(there[:twice], others)
+    there = changes.less(np.tensordot(of_group.astype(float), by_others, 1)).agreed()
     changed = there[number] / delta[anew, None, None, None]
     derived[anew] = np.where(is_main[anew, None, None], changed, derived[anew])
     new = derived.swapaxes(0, 1)
-    return StretchSlopes(here, new[:, :num], new[:, num:])
+    return StretchSlopes(changes.here, new[:, :num], new[:, num:])
 
 
 def _deltas(loop: OpenLoopReplay, unit: np.ndarray) -> np.ndarray:
@@ -87,36 +100,45 @@ def changed_together(
     delta: np.ndarray,
     number: np.ndarray,
     one_sided: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predictions, and their changes when all unknowns with the same group `number` change at once.
+) -> Changes:
+    """All unknowns with the same group `number` change at once; those of number −1 stay.
 
-    Unknowns of number −1 stay. Returns (W, K + 1, D) predictions; (G, W, K + 1, D) changes; and,
-    for the first B groups, which change parameters, (B, W, K + 1, D) changes seen from the other
-    side. B is 0 if `one_sided`, unless something touches.
+    The first groups, which change parameters, are seen from the other side as well, but not if
+    `one_sided`, unless something touches.
     """
-    num_groups, num_fitted, unit = number.max() + 1, len(loop.fitted), at.unit
-    units = np.repeat(unit[None], num_groups, 0)
+    unit, (units, tangents) = at.unit, _steps(loop, at, delta, number)
+    both = number[: len(loop.fitted)].max(initial=-1) + 1
+    if one_sided and not at.touches:
+        both = 0
+    back = 2 * unit - units[:both]
+    # At a bound there is no other side: step twice as far instead
+    is_inside = np.all((back >= 0) & (back <= 1), axis=1)
+    times = np.where(is_inside, -1, 2)[:, None]
+    all_units = np.concatenate([unit[None], units, unit + times * (units[:both] - unit)])
+    unmoved = np.zeros((1, tangents.shape[1]))
+    all_tangents = np.concatenate([unmoved, tangents, times * tangents[:both]])
+    spread = np.repeat(all_tangents[:, None], len(at.states), 1)
+    predicted, _ = loop.play(at.stretches, loop.measured.along(at.states, spread), all_units)
+    here, there, beyond = np.split(predicted, [1, 1 + len(units)])
+    other_side = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:both])
+    most = _EXPLODED * np.maximum(at.stretches.travel[:, None], 1.0)
+    kept = (_unless_exploded(its, most) for its in (there - here, other_side))
+    return Changes(here[0], *kept)
+
+
+def _steps(
+    loop: OpenLoopReplay, at: DifferencePoint, delta: np.ndarray, number: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(G, N) unit coordinates, and (G, 2 nv) tangents of the initial state, of each group."""
+    num_groups, num_fitted = number.max() + 1, len(loop.fitted)
+    units = np.repeat(at.unit[None], num_groups, 0)
     (chosen,) = np.nonzero(number >= 0)
     parameters, starts = chosen[chosen < num_fitted], chosen[chosen >= num_fitted]
     np.add.at(units, (number[parameters], loop.fitted[parameters]), delta[parameters])
     tangents = np.zeros((num_groups, loop.measured.start_tangents.shape[1]))
     change = (delta[num_fitted:] * at.start_std)[:, None] * loop.measured.start_tangents
     np.add.at(tangents, number[starts], change[starts - num_fitted])
-    twice = 0 if one_sided and not at.touches else number[:num_fitted].max(initial=-1) + 1
-    back = 2 * unit - units[:twice]
-    # At a bound there is no other side: step twice as far instead
-    is_inside = np.all((back >= 0) & (back <= 1), axis=1)
-    side = np.where(is_inside, -1, 2)[:, None]
-    units = np.concatenate([unit[None], units, unit + side * (units[:twice] - unit)])
-    unmoved = np.zeros((1, tangents.shape[1]))
-    tangents = np.concatenate([unmoved, tangents, side * tangents[:twice]])
-    spread = np.repeat(tangents[:, None], len(at.states), 1)
-    states = loop.measured.along(at.states, spread)
-    predicted, _ = loop.play(at.stretches, states, units)
-    here, there, beyond = np.split(predicted, [1, 1 + num_groups])
-    others = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:twice])
-    most = _EXPLODED * np.maximum(at.stretches.travel[:, None], 1.0)
-    return here[0], _unless_exploded(there - here, most), _unless_exploded(others, most)
+    return units, tangents
 
 
 def _unless_exploded(changes: np.ndarray, most: np.ndarray) -> np.ndarray:

@@ -6,6 +6,9 @@ minimum for every other bounce. So an episode is followed for as long as errors 
 again from there, with another initial state: multiple shooting, with segments as long as can be.
 """
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -41,37 +44,73 @@ def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments
     most twice as long as the longest before, so that the time that this takes is in proportion to
     an episode's. Left out is also what follows actions from before an episode.
     """
-    readings, noise = read.readings, assumed_noise(loop.sensors)
-    last_row = readings.values.shape[1] - 1
-    next_begin, pushed = _next_begin(readings, noise), loop.measured.pushed
+    next_begin = _next_begin(read.readings, assumed_noise(loop.sensors))
     if loop.measured.bases:
-        read = loop.carried(read, unit, last_row)
-    left, found, then = Segments.evenly(readings), list[Segments](), None
-    longest = _AHEAD * FEWEST_STEPS
-    while len(left.episode):
-        stretches = read.cut(left)
-        erring = _erring(loop, stretches)
-        if then is not None:
-            erring = np.where(pushed, then, erring)
-        units = np.repeat(unit[None], len(erring), 0)
-        predicted, _ = loop.play(stretches, erring, units)
-        steps = np.minimum(_steps_followed(_grown(loop, predicted)), left.steps)
-        longest = max(longest, _AHEAD * int(steps.max()))
-        settling = np.where(left.begin == 0, loop.unsettled_rows, 0)
+        read = loop.carried(read, unit, next_begin.shape[1] - 1)
+    following = _Following(loop, read, unit, next_begin)
+    front, found = _Front(Segments.evenly(read.readings)), list[Segments]()
+    while len(front.segments.episode):
+        erring, steps = following.looked_at(front)
+        followed, front = following.advanced(front, erring, steps)
+        found.append(followed)
+    followed = Segments.joined(found)
+    return followed if loop.measured.pushed.any() else followed.of(followed.steps > 0)
+
+
+class _Front(NamedTuple):
+    """W segments that are looked at next, no longer than a number of steps."""
+
+    segments: Segments
+    longest: int = _AHEAD * FEWEST_STEPS
+    then: np.ndarray | None = None  # (G, W, nq + nv) states to which those before have led
+
+
+@dataclass(frozen=True)
+class _Following:
+    """Of episodes as read, in worlds with (N,) parameters in unit coordinates."""
+
+    loop: OpenLoopReplay
+    read: ReadStates
+    unit: np.ndarray
+    next_begin: np.ndarray  # (E, T + 1)
+
+    def looked_at(self, front: _Front) -> tuple[np.ndarray, np.ndarray]:
+        """(G, W, nq + nv) initial states, and the (W,) steps before their errors grow much."""
+        stretches = self.read.cut(front.segments)
+        erring = _erring(self.loop, stretches)
+        if front.then is not None:
+            erring = np.where(self.loop.measured.pushed, front.then, erring)
+        predicted, _ = self.loop.play(stretches, erring, self._units(erring))
+        steps = _steps_followed(_grown(self.loop, predicted))
+        return erring, np.minimum(steps, front.segments.steps)
+
+    def advanced(
+        self, front: _Front, erring: np.ndarray, steps: np.ndarray
+    ) -> tuple[Segments, _Front]:
+        """What of the segments is followed, without steps where that is little; what comes next."""
+        left, last_row = front.segments, self.next_begin.shape[1] - 1
+        settling = np.where(left.begin == 0, self.loop.unsettled_rows, 0)
         is_rest = (left.begin + steps == last_row) & (settling == 0)
         is_kept = (is_rest | (steps >= FEWEST_STEPS)) & (settling == 0)
-        found.append(left._replace(steps=np.where(is_kept, steps, 0)))
         begin = left.begin + np.where(is_kept, steps, np.maximum(settling, FEWEST_STEPS))
-        begin = next_begin[left.episode, np.minimum(begin, last_row)]
-        is_left = ~is_rest & (begin + FEWEST_STEPS <= last_row)
-        if pushed.any() and is_left.any():
-            leading = left._replace(steps=begin - left.begin).of(is_left)
-            lead = read.cut(leading)
-            _, _, then = loop.play_apart(lead, erring[:, is_left], units, leading.steps)
+        begin = self.next_begin[left.episode, np.minimum(begin, last_row)]
+        goes_on = ~is_rest & (begin + FEWEST_STEPS <= last_row)
+        then, longest = None, max(front.longest, _AHEAD * int(steps.max()))
+        if self.loop.measured.pushed.any() and goes_on.any():
+            leading = left._replace(steps=begin - left.begin).of(goes_on)
+            then = self._led(leading, erring[:, goes_on])
         rest = np.minimum(last_row - begin, longest)
-        left = Segments(left.episode, begin, rest).of(is_left)
-    followed = Segments.joined(found)
-    return followed if pushed.any() else followed.of(followed.steps > 0)
+        next_ones = Segments(left.episode, begin, rest).of(goes_on)
+        followed = left._replace(steps=np.where(is_kept, steps, 0))
+        return followed, _Front(next_ones, longest, then)
+
+    def _led(self, leading: Segments, erring: np.ndarray) -> np.ndarray:
+        """(G, W, nq + nv) states at the ends of segments that begin with `erring` ones."""
+        units = self._units(erring)
+        return self.loop.play_apart(self.read.cut(leading), erring, units, leading.steps)[2]
+
+    def _units(self, erring: np.ndarray) -> np.ndarray:
+        return np.repeat(self.unit[None], len(erring), 0)
 
 
 def _erring(loop: OpenLoopReplay, stretches: Stretches) -> np.ndarray:

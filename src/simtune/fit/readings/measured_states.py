@@ -121,14 +121,15 @@ class MeasuredStates:
     def corrected(self, states: np.ndarray, change: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(E, T + 1, nq + nv) states with measured positions changed by `change`, (E, T + 1, D).
 
-        `rate`: (E, T + 1, D), by how much that changes per step, which corrects velocities.
+        `rate`: (E, T + 1, D), by how much that changes per step, which corrects velocities. Of two
+        sensors of a joint, the last one counts, as in `as_read`.
         """
-        states, step_s = states.copy(), self.physics.simulator.step_s
+        by, rate_s = np.zeros_like(states), rate / self.physics.simulator.step_s
         for sensor, columns in self._columns:
             if not sensor.is_velocity:
-                states[..., sensor.places] += change[..., columns]
-                states[..., self._velocities_of(sensor)] += rate[..., columns] / step_s
-        return states
+                by[..., sensor.places] = change[..., columns]
+                by[..., self._velocities_of(sensor)] = rate_s[..., columns]
+        return states + by
 
     def moved(self, states: np.ndarray, shift: np.ndarray, start_std: np.ndarray) -> np.ndarray:
         """(W, nq + nv) initial states, moved by `shift` (W, S) times `start_std` (S,)."""

@@ -4,6 +4,9 @@ A robot that stood still had its motors off. A log that is cut out of a flight o
 with motors at work, and until their lag is over a replay in which they are off goes elsewhere.
 """
 
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from simtune.budget import Budget
@@ -32,26 +35,54 @@ def recorded_loop(
     To call them running is safe: then fits leave out what depends on it (`unsettled_rows`). Not
     beside cameras, whose fits begin with motors off.
     """
-    loop = set_up_loop(simulator, observation, start)
     assert isinstance(simulator, Simulator), "sensors measure a model's joints"
     if not simulator.held.motors_lag or observation.cameras:
-        return loop
-    running = set_up_loop(simulator.with_running_motors(), observation, start)
-    unit = simulator.space.to_unit(start)
-    off, ran = (_left(its, readings, unit) for its in (loop, running))
-    return loop if off < ran + np.log(_CLEARLY) else running
-
-
-def _left(loop: OpenLoopReplay, readings: Readings, unit: np.ndarray) -> float:
-    """Logarithm of what a fit to the first moments leaves, from (N,) parameters.
-
-    A fit, since lags and gains are not known yet: a slow start looks like a weak motor.
-    """
-    steps = max(FEWEST_STEPS, round(_FIRST_S / loop.physics.simulator.step_s))
+        return set_up_loop(simulator, observation, start)
+    steps = max(FEWEST_STEPS, round(_FIRST_S / simulator.step_s))
     few = Readings(
         readings.actions[:_MOST_EPISODES, :steps], readings.values[:_MOST_EPISODES, : steps + 1]
     )
-    no_offsets = np.zeros(few.values.shape[-1])
+    ran = _ran_before(simulator, _First(observation, start, few))
+    return set_up_loop(simulator.with_running_motors() if ran else simulator, observation, start)
+
+
+class _First(NamedTuple):
+    """First moments of episodes, and where a fit to them begins."""
+
+    observation: ObservationModel
+    start: np.ndarray  # (N,) parameters
+    few: Readings
+
+    def is_as(self, other: "_First") -> bool:
+        """Whether these are the same; NaN is where nothing was read."""
+        mine, others = ((its.start, its.few.actions, its.few.values) for its in (self, other))
+        return self.observation is other.observation and all(
+            np.array_equal(a, b, equal_nan=True) for a, b in zip(mine, others, strict=True)
+        )
+
+
+# A run asks again for its estimate of the time, its check, its fit and its last replay
+_ANSWERS: WeakKeyDictionary[Simulator, list[tuple[_First, bool]]] = WeakKeyDictionary()
+
+
+def _ran_before(simulator: Simulator, first: _First) -> bool:
+    """Whether motors did, as far as these moments say."""
+    answers = _ANSWERS.setdefault(simulator, [])
+    for asked, ran in answers:
+        if asked.is_as(first):
+            return ran
+    off, on = (_left(its, first) for its in (simulator, simulator.with_running_motors()))
+    answers.append((first, ran := not off < on + np.log(_CLEARLY)))
+    return ran
+
+
+def _left(simulator: Simulator, first: _First) -> float:
+    """Logarithm of what a fit to the first moments leaves.
+
+    A fit, since lags and gains are not known yet: a slow start looks like a weak motor.
+    """
+    unit, no_offsets = simulator.space.to_unit(first.start), np.zeros(first.few.values.shape[-1])
+    loop = set_up_loop(simulator, first.observation, first.start)
     method = OutputErrorMethod(loop, no_offsets > 0, unit)
-    ended = method.descend(few, Guess(unit, no_offsets), ReplayStage(_ITERATIONS), Budget())
+    ended = method.descend(first.few, Guess(unit, no_offsets), ReplayStage(_ITERATIONS), Budget())
     return ended.log_rms

@@ -37,6 +37,11 @@ _ASTRAY = (
     "the readings' columns, their unit and their sign right?"
 )
 
+_OF_ITSELF = (
+    "every episode diverged, without any action: the timestep may be too long, or the model's "
+    "start impossible"
+)
+
 
 @dataclass(frozen=True)
 class ReadingChanges:
@@ -187,6 +192,8 @@ class ReplayedReadings:
 
 def _diverged(mapping: ActionMapping, actions: np.ndarray) -> str:
     """A message on (E, T, A) actions that no world endures: a wrong unit shows in their size."""
+    if not actions.any():
+        return _OF_ITSELF
     sizes = np.abs(actions).max((0, 1))
     largest = [
         f"{mapping.names[i]} {sizes[i]:.4g}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from simtune.fit.readings.differences import UNIT_DELTA, DifferencePoint, changed_together
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.slopes import StretchSlopes, agreed
+from simtune.fit.readings.slopes import StretchSlopes
 
 _WEAK = 1e-2  # information, relative to what the single parameters have
 _SHOWN = 1.0  # information in unit coordinates: what has less, no reading shows
@@ -53,5 +53,5 @@ def _along(loop: OpenLoopReplay, at: DifferencePoint, direction: np.ndarray) -> 
     delta = np.concatenate([step, np.zeros(len(at.start_std))])
     together = np.where(np.arange(len(delta)) < len(step), 0, -1)
     at = at._replace(unit=unit)
-    _, there, beyond = changed_together(loop, at, delta, together, one_sided=False)
-    return agreed(there, beyond)[0] / length
+    changes = changed_together(loop, at, delta, together, one_sided=False)
+    return changes.agreed()[0] / length

@@ -8,6 +8,8 @@ import copy
 import mujoco
 import numpy as np
 
+from simtune.parameters.model_writer import DEFAULT_GREY
+
 _LEAST_SHININESS = 1e-5
 _WIDEST_CONE = 90.0  # degrees
 _MOST_FOCUSED = 128.0  # exponent of a spotlight
@@ -15,7 +17,6 @@ _LIGHTS = mujoco.mjtLightType
 _SPOT, _DIRECTIONAL = _LIGHTS.mjLIGHT_SPOT.value, _LIGHTS.mjLIGHT_DIRECTIONAL.value
 _POINT, _IMAGE = _LIGHTS.mjLIGHT_POINT.value, _LIGHTS.mjLIGHT_IMAGE.value
 NUM_GROUPS = 3  # of geoms that are seen, the first ones; the others are for contacts
-_UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 _MOST_LAMPS = 8  # at once, with the headlight
 # OpenGL "ignores unsupported light types", says MuJoCo's source; they count as lamps nevertheless
 _UNLIT = (_POINT, _IMAGE)
@@ -85,7 +86,7 @@ def _texels(model: mujoco.MjModel, texture: int) -> np.ndarray:
 
 def _paint_flexes(model: mujoco.MjModel) -> None:
     """With their materials' mean colours, and those of hidden groups not at all."""
-    is_plain = (model.flex_rgba == _UNPAINTED).all(-1) & (model.flex_matid >= 0)
+    is_plain = (model.flex_rgba == DEFAULT_GREY).all(-1) & (model.flex_matid >= 0)
     model.flex_rgba[is_plain] = model.mat_rgba[model.flex_matid[is_plain]]
     has_faces = model.flex_dim > 1
     for flex in np.flatnonzero((model.flex_matid >= 0) & has_faces):

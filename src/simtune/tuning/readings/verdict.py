@@ -14,7 +14,7 @@ from simtune.observation import ObservationModel, joints_of
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.range_update import RangeUpdateConfig, read_curves
+from simtune.tuning.range_update import read_curves
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
 from simtune.tuning.readings.horizons import Latency
 from simtune.tuning.readings.warnings import Unmeasured, all_warnings
@@ -92,7 +92,7 @@ def _read(unit: np.ndarray, std: np.ndarray, first: Distribution) -> tuple[Estim
     low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
     seen = first.with_interval(mean, low, high)
     curves = normal_curves(seen.to_range_unit(mean), std / seen.unit_width)
-    return read_curves(curves, seen, first, RangeUpdateConfig()), seen
+    return read_curves(curves, seen, first), seen
 
 
 def _errors(

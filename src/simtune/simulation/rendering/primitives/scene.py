@@ -12,6 +12,7 @@ import warp as wp
 from mujoco_warp import GeomType
 from mujoco_warp._src import render
 
+from simtune.parameters.model_writer import DEFAULT_GREY
 from simtune.simulation.rendering.primitives.geoms import ENDLESS, Geom
 from simtune.simulation.rendering.primitives.light import Light
 
@@ -19,7 +20,7 @@ _NEVER = wp.constant(1e30)
 _UNSEEN = wp.constant(1e-5)  # share of a highlight that changes no pixel
 _MARGIN = wp.constant(1.0 - 1e-5)  # of bounds, for rounding
 MOST_LINES = wp.constant(200)  # of a plane, along either axis
-_UNPAINTED = wp.constant(wp.vec4(0.5, 0.5, 0.5, 1.0))
+_UNPAINTED = wp.constant(wp.vec4(*DEFAULT_GREY))
 _GLOW = wp.constant(render.DEFAULT_MAT_EMISSION)
 _SPECULAR = wp.constant(render.DEFAULT_MAT_SPECULAR)
 _SHININESS, _MAX_SHININESS = wp.constant(0.5), wp.constant(render.MAX_SHININESS)
