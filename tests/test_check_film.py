@@ -210,11 +210,11 @@ def test_another_scene_and_a_still_film_are_warned_of(library):
             picture[at : at + 16, 30:50] = 140
     (said,) = said_of(other, library)
     assert "another scene" in said
-    assert said.endswith('where the room around is not in the model, say background = "recording"')
+    room = 'where the room around, or a shadow, is not in the model, say background = "{}"'
+    assert said.endswith(f"to each other; {room.format('recording')}")
     comparison = compare(other, library)
     (said,) = warnings(filmed(other), comparison, camera_moves=True)  # such as a wrist's
-    room = 'where the room around is not in the model, say background = "unknown"'
-    assert said.endswith(f"to each other; {room}")
+    assert said.endswith(f"to each other; {room.format('unknown')}")
     unknown = filmed(other)._replace(view=View("front", background_is_unknown=True))
     assert warnings(unknown, comparison) == []
     (said,) = warnings(filmed(other, is_plate=True), compare(other, library))

@@ -17,7 +17,7 @@ _EXCHANGED = (
     "what moves in the film moves as camera {} sees it, and what moves in that one's film as this "
     "camera does: are their keys exchanged?"
 )
-_ROOM = '; where the room around is not in the model, say background = "{}"'
+_ROOM = '; where the room around, or a shadow, is not in the model, say background = "{}"'
 _OR_A_SHADOW = "; or something else moves, such as a shadow"  # what stands still is the film's
 
 

@@ -28,7 +28,9 @@ _LEGEND = (
     ("the simulator only", "#0f9d9d"),
 )
 _INK, _BAD, _GOOD = "#22262b", "#b3261e", "#1b6e3c"
-_WIDTH_IN, _CELL_IN, _HEAD_IN, _FOOT_IN = 9.0, 2.62, 0.72, 0.78
+_WIDTH_IN, _CELL_IN, _HEAD_IN = 9.0, 2.62, 0.72
+_FOOT_IN, _LINE_IN = 0.48, 0.15  # below the pictures, without the verdict, and for a line of it
+_IN_A_LINE = 105  # characters
 _LEFT, _RIGHT = 0.11, 0.985
 
 
@@ -117,13 +119,14 @@ def _save(
     verdict: str,
     colour: str,
 ) -> None:
-    shape = rows[0][0].shape
-    height = _HEAD_IN + _CELL_IN * shape[0] / shape[1] * len(rows) + _FOOT_IN
+    shape, lines = rows[0][0].shape, textwrap.wrap(verdict, _IN_A_LINE)
+    foot = _FOOT_IN + _LINE_IN * len(lines)
+    height = _HEAD_IN + _CELL_IN * shape[0] / shape[1] * len(rows) + foot
     figure = Figure(figsize=(_WIDTH_IN, height), facecolor="white")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
         len(rows), len(_COLUMNS), left=_LEFT, right=_RIGHT, wspace=0.03, hspace=0.03,
-        bottom=_FOOT_IN / height, top=1 - _HEAD_IN / height,
+        bottom=foot / height, top=1 - _HEAD_IN / height,
     )  # fmt: skip
     for i, (label, (real, simulated)) in enumerate(zip(labels, rows, strict=True)):
         for j, picture in enumerate((real, simulated, _both(real, simulated))):
@@ -137,9 +140,8 @@ def _save(
                 axes.set_ylabel(label, fontsize=10, color=_INK, labelpad=6)
     says = f"{name}: the film beside the simulator"
     figure.text(_LEFT, 1 - 0.32 / height, says, fontsize=14, color=_INK, weight="bold")
-    _legend(figure, (_FOOT_IN - 0.2) / height)
-    lines = textwrap.fill(verdict, 105)
-    figure.text(_LEFT, 0.1 / height, lines, fontsize=9.5, color=colour, va="bottom")
+    _legend(figure, (foot - 0.2) / height)
+    figure.text(_LEFT, 0.1 / height, "\n".join(lines), fontsize=9.5, color=colour, va="bottom")
     figure.savefig(path, dpi=110, format="png")
 
 
