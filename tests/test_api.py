@@ -33,7 +33,7 @@ def result(quickly, tmp_path_factory) -> simtune.Result:
     with quickly() as settings, pytest.MonkeyPatch.context() as patch:
         settings = replace(settings, search=replace(settings.search, num_rounds=1))
         quick = partial(tune_from_options, settings=settings)
-        patch.setattr("simtune.api.commands.carry_out_tuning", quick)
+        patch.setattr("simtune.tuning_run.tune", quick)
         return simtune.tune("cartpole", out=str(out), real_episodes=2, image_size=32, seed=3)
 
 
@@ -251,7 +251,7 @@ def test_nothing_private_is_imported_in_any_example_or_page():
 
 def test_train_takes_the_options_of_its_command(tmp_path, monkeypatch):
     given = []
-    monkeypatch.setattr("simtune.api.commands.carry_out_training", lambda *a: given.append(a[0]))
+    monkeypatch.setattr("simtune.algorithm.train", lambda *a: given.append(a[0]))
     options = {"method": "dr", "range_dr": 0.3, "real_parameters": "truth.json"}
     with pytest.raises(ValueError, match="is no run"):  # since nothing was trained
         simtune.train("cartpole", out=str(tmp_path / "run"), policy_steps=50, **options)
@@ -262,7 +262,7 @@ def test_train_takes_the_options_of_its_command(tmp_path, monkeypatch):
 
 
 def test_a_training_without_a_search_films_one_episode(tmp_path, monkeypatch):
-    monkeypatch.setattr("simtune.api.commands.carry_out_training", lambda *_: None)
+    monkeypatch.setattr("simtune.algorithm.train", lambda *_: None)
     filmed = []
 
     def film(episode: int) -> dict:
@@ -337,9 +337,7 @@ def test_a_path_may_begin_with_the_home_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     asked_for = []
-    monkeypatch.setattr(
-        "simtune.api.commands.carry_out_tuning", lambda c, *_, **__: asked_for.append(c)
-    )
+    monkeypatch.setattr("simtune.tuning_run.tune", lambda c, *_, **__: asked_for.append(c))
     with pytest.raises(ValueError, match=f"^{re.escape(str(tmp_path / 'run'))} is no run"):
         simtune.tune("cartpole", out="~/run", real="~/films")
     assert (asked_for[0].out, asked_for[0].real) == (tmp_path / "run", str(tmp_path / "films"))

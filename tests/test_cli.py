@@ -341,7 +341,7 @@ def test_what_a_library_warns_of_is_printed_once(capsys):
     assert printed.out == ""
 
 
-@pytest.mark.parametrize("module", ["report", "export", "sweep", "compare", "figures"])
+@pytest.mark.parametrize("module", ["api", "report", "export", "sweep", "compare", "figures"])
 def test_commands_that_learn_nothing_load_no_torch(module):
     """It takes seconds."""
     code = f"import sys, simtune.{module}; print('torch' in sys.modules)"

@@ -110,7 +110,7 @@ def opened(quickly, monkeypatch):
             run.folder.write_result({"method": "autotune", "task": task.name} | files)
 
     with quickly() as settings:
-        monkeypatch.setattr("simtune.api.commands.carry_out_tuning", tune)
+        monkeypatch.setattr("simtune.tuning_run.tune", tune)
         yield
 
 

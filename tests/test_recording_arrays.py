@@ -327,7 +327,7 @@ def test_a_run_of_arrays_keeps_them_and_goes_on_with_the_same(quickly, tmp_path,
         ]
         one_round = replace(settings, search=replace(settings.search, num_rounds=1))
         quick = partial(tune_from_options, settings=one_round)
-        monkeypatch.setattr("simtune.api.commands.carry_out_tuning", quick)
+        monkeypatch.setattr("simtune.tuning_run.tune", quick)
         tune = partial(simtune.tune, "cartpole", out=tmp_path / "run", seed=3, image_size=32)
         found = tune(real=real)
         assert Path(found.content["recordings"]["folder"]).parent == tmp_path / "run" / "filmed"

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """The public names; torch and MuJoCo, which take seconds, are loaded with the first of them."""
+    """The public names; MuJoCo is loaded with the first of them, torch with what needs it."""
     if name == "__version__":
         return _version()
     if name not in __all__:

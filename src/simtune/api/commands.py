@@ -4,6 +4,8 @@ Each takes the options of its command (docs/commands), with underscores: `--budg
 `budget_minutes=3`. Unusable input raises a ValueError with a message of one line; a failure during
 the run raises a RuntimeError. Without `progress`, nothing is printed but warnings: these go to
 Python's logging, which writes them to stderr unless it is set up otherwise.
+
+They import within what takes seconds to load: to read a run, none of it is needed.
 """
 
 from collections.abc import Iterator, Mapping
@@ -14,20 +16,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from simtune.algorithm import train as carry_out_training
 from simtune.api.arrays import RealLike
 from simtune.api.configs import config_of_check, config_of_run
 from simtune.api.declared import declare
 from simtune.api.result import CheckResult, Result
 from simtune.api.spelling import in_python
-from simtune.checking import carry_out as carry_out_check
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.progress import ProgressBar, ReportProgress, silent
 from simtune.report.read_run import read_finished
 from simtune.run.config import FILMED
 from simtune.tasks import IN_PYTHON, AnyTask, load_any_task, with_model
-from simtune.tuning_run import tune as carry_out_tuning
 
 TaskLike = str | PathLike[str] | Mapping[str, Any] | AnyTask
 
@@ -60,9 +59,11 @@ def check(
     `real`: recordings, a path or a list of dicts of arrays (docs/recordings.md). Other options:
     docs/commands/check.md. The result is a dict, whose repr is the command's table.
     """
+    from simtune.checking import carry_out
+
     with in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
         config = config_of_check(with_model(_known(task)), real, options, Path(folder) / FILMED)
-        return CheckResult(*carry_out_check(config, report))
+        return CheckResult(*carry_out(config, report))
 
 
 def tune(
@@ -85,13 +86,15 @@ def tune(
     interrupted run. `budget_minutes`: maximum wall time. `precision`: stop earlier once this is
     reached, such as "1%". Other options: docs/commands/tune.md.
     """
+    from simtune.tuning_run import tune as carry_out
+
     options |= {"out": out, "real_episodes": real_episodes, "seed": seed}
     options |= {"budget_minutes": budget_minutes, "precision": precision}
     with in_python():
         task = _known(task)
         config = config_of_run(TuneConfig, task, real, options)
         with _progress(progress, 60 * budget_minutes) as report:
-            carry_out_tuning(config, report, task=task)
+            carry_out(config, report, task=task)
     return load(out)
 
 
@@ -114,10 +117,12 @@ def train(
     has the policy's `return`, and what it reached of the task's goals, such as `success`.
     Without a search (dr, untuned), a function `real` films one episode, for the length of a step.
     """
+    from simtune.algorithm import train as carry_out
+
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
     with in_python(), _progress(progress) as report:
         task = with_model(_known(task))
-        carry_out_training(config_of_run(TrainConfig, task, real, options), report)
+        carry_out(config_of_run(TrainConfig, task, real, options), report)
     return load(out)
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from simtune.api import table
 from simtune.api.estimate import ParameterEstimate, ParameterEstimates
 from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
-from simtune.api.policy import Policy
 from simtune.api.spelling import in_python
 from simtune.config import ExportConfig, check_types
 from simtune.errors import InputError, UnknownName
@@ -29,6 +28,8 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-not-found]
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from simtune.api.policy import Policy
 
 _PLOTTED_DRAWS = 500  # more would only fill the plot
 
@@ -130,8 +131,10 @@ class Result:
             check_types(ExportConfig, options)
             return export(ExportConfig(run_folder=self.path, **options))
 
-    def policy(self) -> Policy:
+    def policy(self) -> "Policy":
         """The policy of a run of `train`. Raises ValueError if there is none, or files changed."""
+        from simtune.api.policy import Policy  # slow to load: it acts by torch
+
         with in_python():
             return Policy(self.path)
 
