@@ -22,6 +22,7 @@ from simtune.tuning.search import Callbacks
 _AT_THE_END_S = (6.0, 30.0)
 # Of the budget: in which check may say what to expect, and look for mistakes in readings besides
 _CHECK_SHARE, _MISTAKES_SHARE = 0.06, 0.05
+_WITH_FILMS = 2  # times what check takes else, where it looks at films as well
 _WORTHWHILE = 0.6  # of the last round's time: the next one knows where to search
 
 
@@ -50,8 +51,9 @@ def tune(
     if settings is None and kept_state(config.out) is None:  # nothing is written before
         refuse_if_too_short(minutes, clock.spent_s, needed)
         say_if_unfitted(search, minutes, clock.spent_s, needed)
-    may_check = needed.check_s < _CHECK_SHARE * 60 * minutes
-    warnings += told(experiment.film_warnings() if may_check else [])
+    check_s = _CHECK_SHARE * 60 * minutes
+    may_check, may_look = needed.check_s < check_s, _WITH_FILMS * needed.check_s < check_s
+    warnings += told(experiment.film_warnings() if may_look else [])
     expected, doubts = _expected_precision(experiment, minutes) if may_check else ({}, [])
     warnings += told(doubts)
     with Run(experiment, report, clock.began_s) as run:
