@@ -24,6 +24,7 @@ from simtune.tuning.search import SearchContext
 _WORLDS, _STEPS, _UPDATES = 32, 20, 3
 _SMALL_UPDATE = 0.7  # update of another network, relative to one of the detector
 _SLOWER = 1.3  # factor for all that is not counted, as latencies that are tried
+_READ = 2.0  # times what pictures take, that a check takes longer for readings: of two arms 1.8
 _DRAWN_TO_FIT = 60  # times that a fit to pixels draws each of its pictures
 _FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # fewer teach a network nothing
@@ -103,7 +104,7 @@ class Pace:
         played = min(MOST_EPISODES, work.num_episodes) * work.num_steps
         # Each parameter changes once, and derivatives are by all parameters and states
         changed = 2 + 2 * work.num_fitted + work.num_tangent
-        return self.step_s * played * changed * (1 + reads)
+        return self.step_s * played * changed * (1 + _READ * reads)
 
     def mostly(self, config: PosteriorSearchConfig, work: Work) -> str:
         """What takes most of such a round, and what would help."""

@@ -33,10 +33,13 @@ def film_warnings(
     frames = np.stack([_some_frames(episode, num) for episode in few])
     shortest = min(len(episode) for episode in few)
     actions = np.stack([episode.actions[:shortest] for episode in few])
-    as_read = AsRead(simulator, seen, few) if joints_of(seen.sensors) else None
-    recorded = {name: episode.actions for name, episode in zip(names, real, strict=True)}
     films = camera_films(seen, frames)
-    return warnings_of(look_at(films, simulator, actions, seed, as_read, recorded))
+    if joints_of(seen.sensors):  # which tell turned films sooner than actions, and their own signs
+        looks = look_at(films, simulator, actions, seed, AsRead(simulator, seen, few))
+    else:
+        recorded = {name: episode.actions for name, episode in zip(names, real, strict=True)}
+        looks = look_at(films, simulator, actions, seed, recorded=recorded)
+    return warnings_of(looks)
 
 
 def _some_frames(episode: Trajectory, num: int) -> np.ndarray:
