@@ -15,6 +15,7 @@ import os
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -61,6 +62,8 @@ def main(settings: tyro.conf.OmitArgPrefixes[Settings]) -> None:
     if settings.quick:
         methods: tuple[Method, ...] = ("readings", "both")
         settings = replace(settings, episodes=2, steps=24, minutes=0.1, methods=methods)
+    if "mujoco.sysid" in settings.methods and not settings.quick and not find_spec("plotly"):
+        sys.exit('mujoco.sysid needs pip install "mujoco[sysid]"; or name other --methods')
     try:
         task = load_task(str(settings.task))
     except InputError as error:
