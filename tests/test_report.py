@@ -483,6 +483,9 @@ def test_report_says_how_far_off_each_moving_part_is_and_which_ends_farther(run_
     assert "what the fit is judged by" in page.text
     assert html.count("how far off, before and after") == 2
     assert "the detector is sure of" not in page.text
+    near = {part: facts | {"end_px": 4.3} for part, facts in parts.scores().items()}
+    _edit(run_path / "result.json", lambda r: r.update(moving_parts=near))
+    assert "farther from the video" not in _report(run_path)[1].text  # 4.24 px before: hardly
     lost = {"px": None, "px_before": None}
     for given, says in (
         (

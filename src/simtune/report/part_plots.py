@@ -4,6 +4,7 @@ from simtune.before_after.moving_parts import MovingParts
 from simtune.report.data import RunData
 from simtune.report.joint_plots import plot_over_time
 from simtune.report.plot import Plot
+from simtune.report.trust import CLEARLY
 from simtune.validate import is_number
 
 
@@ -36,11 +37,11 @@ def never_detected(run: RunData) -> list[str]:
 
 
 def ends_farther(run: RunData) -> list[str]:
-    """Parts that, at the episode's end, are farther from the video after tuning than before."""
+    """Parts that, at the episode's end, are clearly farther from the video than before tuning."""
     found = []
     for part, facts in run.object("moving_parts").items():
         keys = ("end_px_before", "end_px")
         before, after = (facts.get(key) if isinstance(facts, dict) else None for key in keys)
-        if is_number(before) and is_number(after) and after > before:
+        if is_number(before) and is_number(after) and after > CLEARLY * before:
             found.append(part)
     return found

@@ -8,7 +8,7 @@ from simtune.report.data import RunData
 from simtune.validate import is_number
 
 _POSE = ("x", "y", "z", "pitch", "yaw", "roll")
-_CLEARLY = 1.1  # ratio of what is left after tuning to what was before
+CLEARLY = 1.1  # ratio of what is left after tuning to what was before
 _KINDS = {"ratio": "/", "product": "·", "difference": "−", "sum": "+"}
 
 
@@ -44,7 +44,7 @@ def readings_farther(readings: Mapping[str, Mapping[str, Any]]) -> list[str]:
         before, after = facts.get("rms_before"), facts.get("rms")
         if facts.get("diverged_before") or not (is_number(before) and is_number(after)):
             continue
-        if after > _CLEARLY * before:
+        if after > CLEARLY * before:
             found.append(label)
     return found
 
