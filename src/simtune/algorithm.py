@@ -68,7 +68,6 @@ class Training:
         self.num_filmings = 0  # of the real world, one per cycle
         self.num_skipped = 0  # of them, without a policy that could act
         self.num_scored = 0  # cycles after which the policy was scored
-        # Independent of the draw of the start, which would tell on which side of it the truth is
         self.rng = stream(experiment.config.seed, Purpose.TRAINING)
         self._saved_s = time.monotonic()
 
@@ -200,7 +199,7 @@ class Training:
     def finish(self, warnings: list[str], command: str | None = None) -> dict[str, Any]:
         """Score the policy on episodes not used for learning; see `Run.finish`.
 
-        `warnings`: of what was known before training.
+        `warnings`: of the recordings, which were known before training.
         """
         experiment = self.experiment
         config = experiment.config
@@ -214,8 +213,8 @@ class Training:
             fps = round(1 / experiment.real.step_s, 3)
             write_video(self.run.folder.videos / "policy.mp4", film, fps)
             metadata |= {name: outcome.summary(values) for name, values in scores.items()}
-        later = experiment.warnings(self.real) + experiment.policy_warnings(self.num_skipped)
-        return self.run.finish(self.real, metadata, [*warnings, *later], command)
+        warnings = [*warnings, *experiment.policy_warnings(self.num_skipped)]
+        return self.run.finish(self.real, metadata, warnings, command)
 
     def _save(self) -> None:
         counters: dict[str, Any] = {"filmings": self.num_filmings, "skipped": self.num_skipped}

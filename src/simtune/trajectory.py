@@ -6,6 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 
+def moments(last: int | np.ndarray, num: int) -> np.ndarray:
+    """(num,) steps from 0 to `last`, equally spaced and rounded down; (E, num) for (E, 1) lasts."""
+    return (np.linspace(0, 1, num) * last + 1e-9).astype(int)  # more than a product's rounding
+
+
 def delayed(actions: np.ndarray, steps: int) -> np.ndarray:
     """(..., T, A) actions, `steps` steps later; before, the first one.
 

@@ -35,12 +35,11 @@ def expected_precision(
     real: list[Trajectory],
     seed: int,
     names: Sequence[str] = (),
-    most_s: float | None = None,
+    most_s: float = MOST_S,
 ) -> ExpectedPrecision:
     """Of episodes with these names, which warnings give; without names they are simulated.
 
-    `most_s`: seconds for mistakes in readings that short replays tell (`misread`), None: as many as
-    `check` takes.
+    `most_s`: seconds for mistakes in readings that short replays tell (`misread`).
     Nothing without a MuJoCo model; no parameters if all nominal worlds diverge.
     """
     warnings = list[str]()
@@ -51,8 +50,7 @@ def expected_precision(
     actions = np.stack([trajectory.actions[:steps] for trajectory in real])
     try:
         if seen.sensors:
-            within_s = MOST_S if most_s is None else most_s
-            read = look_at_servos(real, simulator, seen, names, within_s)
+            read = look_at_servos(real, simulator, seen, names, most_s)
             warnings += read.warnings + read.misread + read.beyond_ranges
             readings, _ = reading_changes(simulator, seen, actions, read, seed)
         sensitivity = analyze(simulator, actions, seed, seen, readings)

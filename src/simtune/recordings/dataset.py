@@ -18,7 +18,7 @@ from simtune.recordings.resample import counted_on
 from simtune.recordings.source import Source, choose_actions, left_out, short
 from simtune.recordings.steps import Steps, check_rate, make_steps
 from simtune.recordings.turning import Turning, commands_counted_on
-from simtune.trajectory import Trajectory
+from simtune.trajectory import Trajectory, moments
 
 _KEPT_PX = 256  # largest height of frames that `skim` returns
 
@@ -121,7 +121,7 @@ class Dataset:
         """
         steps = self._steps(episode)
         last = min(len(steps.actions), within_steps or len(steps.actions))
-        kept_steps = np.linspace(0, last, num_kept).astype(int)
+        kept_steps = moments(last, num_kept)
         kept = {
             step: picture
             for step, picture in enumerate(self._frames(episode, steps, self._kept_px))

@@ -21,7 +21,7 @@ from simtune.simulation.filming import Filming
 from simtune.simulation.rendering.appearance import NUM_GROUPS
 from simtune.simulation.rendering.plate import stands_still
 from simtune.simulation.scene import Drawing
-from simtune.trajectory import Trajectory
+from simtune.trajectory import Trajectory, moments
 from simtune.vision.keypoints import is_drawn
 
 
@@ -81,7 +81,7 @@ class AsRead:
         factor on a position, and what is added}.
         """
         last = np.minimum(self._lengths, MOST_STEPS)[:, None]
-        steps = (np.linspace(0, 1, num_pictures) * last + 1e-9).astype(int) - late_steps
+        steps = moments(last, num_pictures) - late_steps
         steps = steps.clip(0, self._lengths[:, None])
         states = self._states[np.arange(len(steps))[:, None], steps]
         for place, (factor, added) in changed.items():

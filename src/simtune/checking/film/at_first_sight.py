@@ -14,7 +14,7 @@ from simtune.checking.film.camera_film import (
 from simtune.checking.film.look import look_at, warnings_of
 from simtune.observation import ObservationModel, joints_of
 from simtune.simulation import Simulator
-from simtune.trajectory import Trajectory
+from simtune.trajectory import Trajectory, moments
 
 
 def film_warnings(
@@ -44,5 +44,4 @@ def film_warnings(
 
 def _some_frames(episode: Trajectory, num: int) -> np.ndarray:
     """(num, H, W, 3), at the moments that `Dataset.skim` keeps."""
-    last = min(len(episode), MOST_STEPS)
-    return episode.frames[np.linspace(0, last, num).astype(int)]
+    return episode.frames[moments(min(len(episode), MOST_STEPS), num)]

@@ -10,6 +10,7 @@ from simtune.checking.film.library import brought_to_size
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
+from simtune.trajectory import moments
 
 _WORLDS, _FEWEST_WORLDS = 8, 4  # drawn, and that do not diverge
 
@@ -43,7 +44,7 @@ class Played:
         `late_steps`: by which pictures show an earlier moment.
         """
         last = self._lengths[:, None]
-        steps = (np.linspace(0, 1, num_pictures) * last + 1e-9).astype(int) - late_steps
+        steps = moments(last, num_pictures) - late_steps
         steps = steps.clip(0, last)
         states = self._states[:, np.arange(len(steps))[:, None], steps]
         parameters = self._parameters.repeat(num_pictures, 1)

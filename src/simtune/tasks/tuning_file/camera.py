@@ -57,14 +57,21 @@ class FilmingCamera:
             spec.camera(name).fovy = self.fovy_deg
 
 
-def read_cameras(
+def add_cameras(
     file: TomlTable, spec: mujoco.MjSpec, usual: str | None = None
-) -> list[FilmingCamera]:
-    """Read `camera = "NAME"`, a table [camera], or [[cameras]].
+) -> tuple[Footage, ...]:
+    """The recordings of the cameras that a file names, which are added to the model.
 
-    The default is the `usual` camera, or the model's only one; with sensors, it is no camera.
-    Raises InputError.
+    It says `camera = "NAME"`, a table [camera], or [[cameras]]. The default is the `usual` camera,
+    or the model's only one; with sensors, it is no camera. Raises InputError.
     """
+    cameras = _read(file, spec, usual)
+    for camera in cameras:
+        camera.add_to(spec)
+    return tuple(camera.footage for camera in cameras)
+
+
+def _read(file: TomlTable, spec: mujoco.MjSpec, usual: str | None) -> list[FilmingCamera]:
     known = [camera.name for camera in spec.cameras if camera.name]
     if "cameras" in file:
         if "camera" in file:

@@ -4,7 +4,7 @@ from simtune.simulation import count_substeps
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import MOST_STEPS, Task
 from simtune.tasks.tuning_file.actions import read_actions, read_columns
-from simtune.tasks.tuning_file.camera import read_cameras
+from simtune.tasks.tuning_file.camera import add_cameras
 from simtune.tasks.tuning_file.environment import read_environment_task
 from simtune.tasks.tuning_file.initial_state import read_initial_state
 from simtune.tasks.tuning_file.model import model_name, read_model
@@ -34,10 +34,7 @@ def read_task(file: TomlTable) -> Task | EnvironmentTask:
         return read_built_in(file)
     file.allow(*_KEYS)
     nominal = read_model(file)
-    cameras = read_cameras(file, nominal)
-    for camera in cameras:
-        camera.add_to(nominal)
-    footage = tuple(camera.footage for camera in cameras)
+    footage = add_cameras(file, nominal)
     model, load_spec = nominal.compile(), nominal.copy
     control_timestep_s = file.number("control_timestep_s", above=0)
     action_repeat = file.whole("action_repeat", 1)

@@ -10,7 +10,7 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.simulation.rendering.plate import geoms_coloured_by, stands_still
 from simtune.tasks.built_in import TASKS
 from simtune.tasks.task import Task
-from simtune.tasks.tuning_file.camera import read_cameras
+from simtune.tasks.tuning_file.camera import add_cameras
 from simtune.tasks.tuning_file.name_all import name_all
 from simtune.tasks.tuning_file.parameters import read_known_colours, read_parameters
 from simtune.tasks.tuning_file.toml_table import TomlTable, usual_name
@@ -30,11 +30,7 @@ def read_built_in(file: TomlTable) -> Task:
     task = TASKS[name]()
     spec = task.load_spec()
     name_all(spec)
-    cameras = read_cameras(file, spec, task.cameras[0].camera)
-    for camera in cameras:
-        camera.add_to(spec)
-    footage = tuple(camera.footage for camera in cameras)
-    load_spec = spec.copy
+    footage, load_spec = add_cameras(file, spec, task.cameras[0].camera), spec.copy
     if "parameters" in file:
         names, step_s = [f.camera for f in footage], task.control_timestep_s * task.action_repeat
         parameters = read_parameters(file, load_spec(), names, step_s)
