@@ -36,12 +36,15 @@ from simtune.simulation import Rollouts
 from simtune.tasks import load_task
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.fit_stage import FitStage, RefitPlan
+from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.fit_verdict import conclude
+from simtune.tuning.fitting import Fitted
 from simtune.tuning.joint import Joint
-from simtune.tuning.judging import Fitted, Judging
+from simtune.tuning.judging import Judging
+from simtune.tuning.observing import Observing
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import RangeUpdateConfig
+from simtune.tuning.refit_plan import RefitPlan
 from simtune.tuning.rounds import RoundTime
 from simtune.tuning.search import NO_CALLBACKS
 from simtune.tuning.survival_curves import normal_curves
@@ -399,8 +402,9 @@ def test_known_worlds_begin_where_the_real_episodes_did():
     begun = roll_out(np.repeat(SPACE.nominal[None], 4, 0), np.ones((4, 5, 1)), rng).states[:, 5]
     fit = replace(a_fit(), starts=begun)
     known = FakeReplayFit(lambda _: fit)
-    stage = FitStage(context, model, known, exact, AllEvidence(()))
-    observed = stage.observed([real] * 4, [model.detect(real.frames)] * 4)
+    observing = Observing(context, exact, AllEvidence(()))
+    stage = FitStage(context, model, known, observing)
+    observed = observing.observed([real] * 4, [model.detect(real.frames)] * 4)
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
     made = stage.refit(observed, fit, start, RefitPlan(2, 3), rng, False, Budget())
     assert len(made.errors) == len(played) == 2
@@ -754,12 +758,12 @@ def test_a_delay_in_pictures_is_told_once_with_what_readings_found_of_it(of_read
     first = Distribution.first(SPACE, SPACE.nominal)
     flat = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
     facts: dict[str, Any] = {
-        **dict.fromkeys(("start", "learning", "earlier")),
-        "stage": SimpleNamespace(context=context),
+        "earlier": None,
+        "fitting": SimpleNamespace(stage=SimpleNamespace(context=context)),
+        "learning": SimpleNamespace(config=PosteriorSearchConfig()),
         "learned": SimpleNamespace(prob_higher=flat, searched=first),
         "by_readings": by_readings,
         "first": first,
-        "config": PosteriorSearchConfig(),
     }
     judging = Judging(**facts)
     late = replace(a_fit(latency_steps=1), late_s={"pictures": (-0.019, 0.003)})
@@ -772,9 +776,7 @@ def test_a_delay_in_pictures_is_told_once_with_what_readings_found_of_it(of_read
 
 
 @pytest.mark.parametrize(("motion", "at"), [(0.3, 0.5), (9.0, 0.5), (0.3, 0.0)])
-def test_other_actions_are_tried_where_the_motion_is_not_explained_or_at_a_bound(
-    monkeypatch, motion, at
-):
+def test_other_actions_are_tried_where_the_motion_is_not_explained_or_at_a_bound(motion, at):
     """As of a motor that is reversed, and that the best fit switches off."""
     first = Distribution.first(SPACE, SPACE.nominal)
     flat = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
@@ -789,20 +791,25 @@ def test_other_actions_are_tried_where_the_motion_is_not_explained_or_at_a_bound
 
     stage = SimpleNamespace(
         context=SimpleNamespace(simulator=SimpleNamespace(step_s=0.05)),
-        observed=lambda *_: "what was observed",
         refit=lambda *_: known,
         replay_fit=SimpleNamespace(misread_actions=misread_actions),
     )
+    fitting = SimpleNamespace(
+        stage=stage,
+        start=None,
+        observed=lambda: "what was observed",
+        fit=lambda *_: Fitted(fit, cast(Any, stage), 1.0),
+    )
     facts: dict[str, Any] = {
-        **dict.fromkeys(("start", "by_readings")),
-        "stage": stage,
-        "learned": SimpleNamespace(prob_higher=flat, searched=first, detected=()),
-        "learning": SimpleNamespace(worlds=SimpleNamespace(rng=None)),
+        "fitting": fitting,
+        "learned": SimpleNamespace(prob_higher=flat, searched=first),
+        "learning": SimpleNamespace(
+            worlds=SimpleNamespace(rng=None), config=PosteriorSearchConfig()
+        ),
+        "by_readings": None,
         "earlier": EarlierRounds(),
         "first": first,
-        "config": PosteriorSearchConfig(),
     }
-    monkeypatch.setattr(Judging, "_fit", lambda *_: Fitted(fit, cast(Any, stage), 1.0))
     judged = Judging(**facts).judge(RoundTime(Budget(), False, Budget()), NO_CALLBACKS)
     is_wrong = motion == 9.0 or at == 0.0
     assert tried == [[0, 2]] * is_wrong
@@ -819,7 +826,7 @@ def test_known_worlds_may_take_from_later_rounds_if_this_one_has_no_time_for_two
     fit_s, earlier, is_whole
 ):
     """Of 30 s that are left of the round, and 200 s of all; unless an earlier round has some."""
-    facts = dict.fromkeys(("stage", "start", "learned", "first", "by_readings", "config"))
+    facts = dict.fromkeys(("fitting", "learned", "first", "by_readings"))
     known = EarlierRounds(refits_of(np.zeros((earlier, len(SPACE)))) if earlier else None)
     judging = Judging(**cast(Any, facts), learning=cast(Any, None), earlier=known)
     part, whole = Budget(30.0), Budget(200.0)

@@ -21,7 +21,7 @@ from simtune.run.folder import RunFolder
 from simtune.run.real_episodes import read_real, write_real
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
-from simtune.tuning.fit_stage import _scaled_as, _with_inflated_noise
+from simtune.tuning.observing import _scaled_as, _with_inflated_noise
 from simtune.tuning.readings import first as readings_first
 from simtune.tuning.readings.estimate import search_of
 from simtune.tuning.readings.first import ReadingsFirst

@@ -24,7 +24,7 @@ from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.observation import AllEvidence, JointReadings, ObservationModel
 from simtune.simulation import Rollouts
 from simtune.trajectory import Trajectory
-from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.observing import Observing
 
 SUBSTEPS = CARTPOLE.action_repeat
 SCENE = """
@@ -245,8 +245,8 @@ def test_what_may_be_late_beside_a_declared_delay(load, delay, sensors, late):
     task = load(TUNING + delay)
     observation = ObservationModel.of_reality(task.sensors if sensors else ())
     context = SimpleNamespace(observation=observation, simulator=task.simulator(image_size=16))
-    stage = FitStage(context, *[None] * 4)
+    observing = Observing(context, *[None] * 2)
     pixels = tracks_at(np.zeros((1, 3, 1, 2)), 0.3, 16)
     read = JointReadings.of("arm", "m", np.zeros((1, 3, 1)), 0.001)
-    found = stage._lateness(AllEvidence((pixels, read) if sensors else (pixels,)))
+    found = observing._lateness(AllEvidence((pixels, read) if sensors else (pixels,)))
     assert (found and found.kinds) == late

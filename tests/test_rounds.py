@@ -20,11 +20,13 @@ from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.fit_stage import FitStage
-from simtune.tuning.judging import Fitted, Judging
+from simtune.tuning.fitting import Fitted, Fitting
+from simtune.tuning.judging import Judging
 from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import read_curves
+from simtune.tuning.refit_plan import RefitPlan
 from simtune.tuning.rounds import Rounds, gains_nothing, half_widths, is_precise, plan_round
 from simtune.tuning.survival_curves import normal_curves
 from simtune.vision.detector_noise import DetectorNoise
@@ -256,7 +258,7 @@ def test_a_fit_is_done_again_where_the_detector_errs_otherwise_at_its_colours(
     fits, measured, fit, differs = [], [], FitStage.fit, iter([True, False])
 
     def remember(self, observed, start, *given):
-        fits.append((self.noise, start, fit(self, observed, start, *given)))
+        fits.append((self.observing.noise, start, fit(self, observed, start, *given)))
         return fits[-1][-1]
 
     def is_off(self, other):
@@ -289,11 +291,15 @@ def test_a_fit_is_done_again_only_if_that_leaves_time_to_judge_it(left_s, is_fil
         return SimpleNamespace(noise=lambda: SimpleNamespace(is_off=lambda other: True))
 
     @dataclass(frozen=True)
-    class LateStage:
+    class FakeObserving:
         noise: object
 
         def observed(self, *detected):
             return detected
+
+    @dataclass(frozen=True)
+    class LateStage:
+        observing: FakeObserving
 
         def fit(self, *given):
             raise OutOfTime
@@ -301,14 +307,14 @@ def test_a_fit_is_done_again_only_if_that_leaves_time_to_judge_it(left_s, is_fil
     found = SimpleNamespace(
         parameters=np.ones(2), std=np.array([0.01, 0.02]), is_moving=np.array([True, False])
     )
-    judging = SimpleNamespace(
+    fitting = SimpleNamespace(
         start=PointEstimate(np.zeros(2), np.array([0.3, 0.4])),
         learning=SimpleNamespace(film_near=film_near),
-        _finds_latency=True,
+        finds_latency=True,
         learned=SimpleNamespace(detected=()),
     )
-    fitted = Fitted(found, LateStage("measured first"), 20.0)
-    assert Judging._fit_again(cast(Judging, judging), fitted, Budget(left_s)) is fitted
+    fitted = Fitted(found, LateStage(FakeObserving("measured first")), 20.0)
+    assert Fitting.again(cast(Fitting, fitting), fitted, Budget(left_s)) is fitted
     assert filmed == [[0.3, 0.02]] * is_filmed
 
 
@@ -322,8 +328,7 @@ def test_a_fit_is_done_again_only_if_that_leaves_time_to_judge_it(left_s, is_fil
     ],
 )
 def test_known_worlds_are_filmed_in_time_as_well(picture_s, left_s, refits):
-    judging = cast(Judging, SimpleNamespace(config=SEARCH, picture_s=picture_s))
-    assert Judging._plan_refits(judging, (5, 99), 20.0, Budget(left_s)) == refits
+    assert RefitPlan.within(Budget(left_s), (5, 99), 20.0, picture_s, SEARCH) == refits
 
 
 # --- how long a round takes ---------------------------------------------------------------

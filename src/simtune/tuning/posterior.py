@@ -35,6 +35,7 @@ from simtune.tuning.edges import doubted_at_edges, leads_beyond
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.familiarity import doubted, measure_strangeness
 from simtune.tuning.fit_verdict import conclude_by_networks
+from simtune.tuning.fitting import Fitting
 from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.pace import Pace, RoundTimes, Work, smallest
@@ -180,14 +181,17 @@ class PosteriorSearch(Search):
     ) -> tuple[Estimate, np.ndarray]:
         """Fit and judge, where that is possible; doubt. Also returns the (N, C) curves."""
         if self.context.can_fit:
-            judging = Judging.prepare(
-                self.context,
-                self._learning,
-                learned,
-                by_readings,
-                self._earlier,
-                given.budget,
-                self._times.picture_s if self._times else 0.0,
+            has_earlier = self._earlier.estimate is not None
+            judging = Judging(
+                fitting=Fitting.prepare(
+                    self.context, self._learning, learned, by_readings, has_earlier, given.budget
+                ),
+                learning=self._learning,
+                learned=learned,
+                first=self.first,
+                by_readings=by_readings,
+                earlier=self._earlier,
+                picture_s=self._times.picture_s if self._times else 0.0,
             )
             estimate, curves, self._earlier = judging.judge(given, callbacks)
         else:

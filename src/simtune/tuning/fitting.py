@@ -1,0 +1,131 @@
+"""A round's fit to the real episodes: as large as the time allows, and again if that helps."""
+
+import time
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from simtune.budget import Budget, OutOfTime
+from simtune.fit import FitResult, Observed, PointEstimate
+from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.learning import Learning, LearningResult
+from simtune.tuning.readings.estimate import ReadingsEstimate
+from simtune.tuning.rounds import FIT, FIT_AGAIN
+from simtune.tuning.search import SearchContext
+from simtune.tuning.survival_curves import point_estimate
+
+REFIT_TIME = 0.9  # of a fit's: no latency is searched for
+_FITS_SHARE = 0.9  # of the time then left, for a fit and its refits
+_FEWEST_FITS = 2  # within that time: the real fit and one refit
+# Of the time left, that a fit of the planned size may take. On a machine that has become slower it
+# would not end, and half a fit says nothing; the least one may still end.
+_PLANNED_SHARE = 0.55
+# Fits' time: with more left, there is time for another one and its refits; it may take so much
+_WORTH_REPEATING, _REPEATED = 4.0, 1.5
+
+
+class Fitted(NamedTuple):
+    """A fit, and how it was made."""
+
+    fit: FitResult
+    stage: FitStage
+    seconds: float  # that its first attempt took, as a refit may
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitting:
+    """What is fitted, and from where."""
+
+    stage: FitStage
+    start: PointEstimate  # by the networks and by readings
+    learning: Learning  # films worlds to test the detector in
+    learned: LearningResult
+    finds_latency: bool
+    may_give_up: bool  # an earlier round had a fit, which tells more than the least one now
+
+    @classmethod
+    def prepare(
+        cls,
+        context: SearchContext,
+        learning: Learning,
+        learned: LearningResult,
+        by_readings: ReadingsEstimate | None,
+        may_give_up: bool,
+        budget: Budget,
+    ) -> "Fitting":
+        """With a fit that is as large as the time allows."""
+        config, real = learning.config, learned.detected.trajectories
+        start = point_estimate(learned.prob_higher, learned.searched)
+        if by_readings:
+            config = replace(config, fit=by_readings.fit_config(config.fit))
+            start = by_readings.start(start)
+        near, held_out = learning.film_near(learned, start, budget), learned.held_out
+        stage = FitStage.prepare(
+            context, learning.model, held_out, near, config, budget, by_readings
+        )
+        num_steps = min(len(t) for t in real) * len(real)
+        fits, left_s = 1 + REFIT_TIME * config.planned_refits, _FITS_SHARE * budget.seconds_left
+        return cls(
+            stage=stage.sized(num_steps, left_s / fits, left_s / _FEWEST_FITS),
+            start=start,
+            learning=learning,
+            learned=learned,
+            finds_latency=by_readings is None or not by_readings.is_used,
+            may_give_up=may_give_up,
+        )
+
+    def observed(self) -> Observed:
+        """The real episodes, as a fit sees them."""
+        return self.stage.observing.observed(*self.learned.detected)
+
+    def fit(self, observed: Observed, is_last: bool, budget: Budget) -> Fitted:
+        """The planned fit; the least one if that took far too long, and refits are then as small.
+
+        See `FitStage.fit`. Raises OutOfTime if the least one does not end either.
+        """
+        stage = self.stage
+        may_be_smaller = not (budget.is_endless or stage.is_least or self.may_give_up)
+        seconds = _PLANNED_SHARE * budget.seconds_left if may_be_smaller else budget.seconds_left
+        began_s = time.monotonic()
+        try:
+            part = budget.part(seconds, FIT)
+            fit = stage.fit(observed, self.start, is_last, self.finds_latency, part)
+        except OutOfTime:
+            if not may_be_smaller:
+                raise
+            stage = stage.least()
+            began_s = time.monotonic()
+            fit = stage.fit(observed, self.start, is_last, self.finds_latency, budget)
+        return Fitted(fit, stage, time.monotonic() - began_s)
+
+    def again(self, fitted: Fitted, budget: Budget) -> Fitted:
+        """Another fit, if the detector errs otherwise than in the worlds that it was tested in.
+
+        How it errs depends on colours, of which a fit knows far more than the networks that chose
+        those worlds. A peg of two pixels, whose red they had guessed .2 off, was found half a pixel
+        beside its place in place of none, and a rope came out 4 to 15 % too short.
+        """
+        fit, stage, fit_s = fitted
+        least_s, before = _WORTH_REPEATING * fit_s, stage.observing
+        if budget.seconds_left < least_s:
+            return fitted
+        budget.report("fitting", FIT_AGAIN[0])
+        found = PointEstimate(fit.parameters, np.where(fit.is_moving, self.start.std, fit.std))
+        noise = self.learning.film_near(self.learned, found, budget).noise()
+        if (
+            not noise.is_off(stage.observing.noise)
+            or budget.seconds_left < _WORTH_REPEATING * fit_s
+        ):
+            return fitted
+        stage = replace(stage, observing=replace(stage.observing, noise=noise))
+        colours = np.where(fit.is_moving, self.start.parameters, fit.parameters)
+        start = self.start._replace(parameters=colours)
+        try:
+            observed = stage.observing.observed(*self.learned.detected)
+            seconds = budget.seconds_left if budget.is_endless else _REPEATED * fit_s
+            part = budget.part(seconds, FIT_AGAIN)
+            again = stage.fit(observed, start, True, self.finds_latency, part)
+        except OutOfTime:
+            return fitted
+        return Fitted(again, stage, fit_s)
