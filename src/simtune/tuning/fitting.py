@@ -113,12 +113,9 @@ class Fitting:
         budget.report("fitting", FIT_AGAIN[0])
         found = PointEstimate(fit.parameters, np.where(fit.is_moving, self.start.std, fit.std))
         noise = self.learning.film_near(self.learned, found, budget).noise()
-        if (
-            not noise.is_off(stage.observing.noise)
-            or budget.seconds_left < _WORTH_REPEATING * fit_s
-        ):
+        if not noise.is_off(before.noise) or budget.seconds_left < least_s:
             return fitted
-        stage = replace(stage, observing=replace(stage.observing, noise=noise))
+        stage = replace(stage, observing=replace(before, noise=noise))
         colours = np.where(fit.is_moving, self.start.parameters, fit.parameters)
         start = self.start._replace(parameters=colours)
         try:
