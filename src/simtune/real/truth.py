@@ -42,11 +42,15 @@ class Truth:
     def wrong_start(self, seed: int, factor: float = 2.0) -> np.ndarray:
         """(N,) parameters, each at random the true value times `factor` or divided by it.
 
-        The default, twice or half the truth, is as in Sec. VI-A. Colours stop at 1.
+        The default, twice or half the truth, is as in Sec. VI-A. Where one of these is beyond a
+        bound, as of a colour above .5, it is the other; the paper's colours stop at 1 instead, so
+        that some start at their truth.
         """
-        too_high = stream(seed, Purpose.WRONG_START).random(len(self._space)) < 0.5
-        real = self._parameters
-        return self._space.clip(np.where(too_high, real * factor, real / factor))
+        space, real = self._space, self._parameters
+        is_high = stream(seed, Purpose.WRONG_START).random(len(space)) < 0.5
+        above, below = real * factor, real / factor
+        is_high = np.where(above > space.high, False, np.where(below < space.low, True, is_high))
+        return space.clip(np.where(is_high, above, below))
 
     def for_oracle(self) -> np.ndarray:
         """(N,) the truth, for the oracle's world and for scoring a trained policy."""
