@@ -18,7 +18,7 @@ import tyro
 from common import machine, record_figures
 
 from simtune.config import RecordConfig, TuneConfig
-from simtune.record import record as film
+from simtune.filming import record as film
 from simtune.tasks import load_task
 from simtune.tuning_run import tune
 

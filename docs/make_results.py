@@ -55,6 +55,7 @@ ORDER = (  # on the page; other claims follow
 MISSING = "–"
 VERDICTS = ("identified", "weak", "not identifiable")
 _MOST_COMMANDS = 2  # of a claim on the page; its file has all
+_MOST_PLACES = 3  # commits, and machines
 _HEAD = """\
 How far estimates were off, how often intervals held the truth, and how long it took: one table
 for each claim. For a case of your own, `simtune tune TASK --out DIR` without `--real` tunes to a
@@ -66,9 +67,9 @@ searched first an interval still covers. *Known worlds* are simulated worlds tha
 fitted like the real one, to judge a fit; such a fit is a *refit*. A *busy* core is shared with
 other processes.
 
-Below each text stand the command, date, commit and hardware of the rows, at most two commands;
-the JSON file has them for each row. The Intel Xeons are virtual machines (AVX-512, 24 GB, no GPU)
-whose speed varies: compare times only within one run. Earlier measurements are in git's history.
+Below each text stand commands, dates, commits and hardware of its rows, the first few where they
+differ; the JSON file has them for each row. The Intel Xeons are virtual machines (AVX-512, 24 GB,
+no GPU) whose speed varies: compare times only within one run.
 
 This page is made from [docs/results](results) by `python docs/make_results.py`; edit the files
 there."""
@@ -221,14 +222,21 @@ def origin(name: str, rows: Sequence[Row]) -> str:
     if len(commands) > _MOST_COMMANDS:
         commands = [f"{commands[0]} and others"]
     commits = dict.fromkeys(c for commit in distinct(rows, "commit") for c in commit.split(", "))
+    dates = distinct(rows, "date")
     parts = [
         f"Measured by {', '.join(commands)}" if commands else "",
-        ", ".join(sorted(distinct(rows, "date"))),
-        f"commit {', '.join(commits)}" if commits else "",
-        " / ".join(distinct(rows, "hardware")),
+        " to ".join(dict.fromkeys(end(dates) for end in (min, max))) if dates else "",
+        f"commit {some(list(commits), ', ')}" if commits else "",
+        some(distinct(rows, "hardware"), " / "),
         f"[{name}.json](results/{name}.json).",
     ]
     return "; ".join(filter(None, parts))
+
+
+def some(items: Sequence[str], separator: str) -> str:
+    """The first of them, and how many others there are."""
+    others = f" and {len(items) - _MOST_PLACES} more" if len(items) > _MOST_PLACES else ""
+    return separator.join(items[:_MOST_PLACES]) + others
 
 
 def distinct(rows: Iterable[Row], field: str) -> list[str]:

@@ -144,7 +144,7 @@ def small_library(monkeypatch):
     """
     monkeypatch.setattr("simtune.checking.film.library._WORLDS", 12)
     monkeypatch.setattr("simtune.checking.film.library._PICTURES", 8)
-    monkeypatch.setattr("simtune.checking.film.compare._JUDGED", (4, 4))
+    monkeypatch.setattr("simtune.checking.film.compare._JUDGED_SIZES", (4, 4))
     monkeypatch.setattr("simtune.checking.film.compare.FRAMINGS", FRAMINGS[::4])
 
 

@@ -3,7 +3,8 @@
 It goes on where it was killed, refuses a folder that another process writes, and writes its result
 and then its report, as the real one does. Beside the sweep's folder it notes, in STAND_IN: a line
 in `begun` as it starts; `doubled` where it should not have been started. Seed 1013 always fails;
-seed 1015 finds its input unusable; seed 1014 finds the disk full until there is a file `room`.
+seed 1015 finds its input unusable; seed 1016 finds two minutes too short until there is a file
+`idle`; seed 1014 finds the disk full until there is a file `room`.
 """
 
 import fcntl
@@ -30,6 +31,10 @@ def main() -> None:
         sys.exit("simtune: unlucky")
     if seed == 1015:
         print("simtune: no such recordings", file=sys.stderr)
+        sys.exit(2)
+    minutes, is_idle = options["--budget-minutes"], (Path(os.environ["STAND_IN"]) / "idle").exists()
+    if seed == 1016 and float(minutes) <= 2 and not is_idle:
+        print(f"simtune: --budget-minutes {minutes} is too short: give more", file=sys.stderr)
         sys.exit(2)
     if seed == 1014 and not (Path(os.environ["STAND_IN"]) / "room").exists():
         note("full", out.name)

@@ -16,14 +16,15 @@ import pytest
 import simtune
 from simtune.api.policy import Policy
 from simtune.cameras.footage import Footage
-from simtune.config import TuneConfig
+from simtune.config import EvaluateConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.outcome import asked
+from simtune.parameters.values_file import read_parameters
 from simtune.run.files import write_json
 from simtune.tasks import cartpole
 from simtune.tuning_run import tune as tune_from_options
 
-NAMES = ["Result", "check", "load", "load_task", "train", "tune"]
+NAMES = ["Result", "check", "load", "load_task", "record", "train", "tune"]
 
 
 @pytest.fixture(scope="module")
@@ -50,12 +51,17 @@ def test_import_loads_nothing_heavy():
     import sys
     import simtune
     assert not {"torch", "mujoco", "numpy"} & set(sys.modules), sys.modules
+    import os
+    before = dict(os.environ)
+    simtune.load
+    assert os.environ == before
+    assert "torch" not in sys.modules
     """
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
 
 
 def test_no_module_hides_a_public_name():
-    for module in ("cli", "api", "algorithm", "record", "evaluation.evaluate"):
+    for module in ("cli", "api", "algorithm", "filming", "evaluation.evaluate"):
         import_module(f"simtune.{module}")
     assert not any(isinstance(getattr(simtune, name), ModuleType) for name in simtune.__all__)
 
@@ -89,6 +95,111 @@ def test_a_result_shows_itself_as_a_table(result):
     html = result._repr_html_()
     assert html.count("<tr>") == 1 + len(result.parameters)
     assert "pole_mass" in html
+
+
+@pytest.mark.thorough
+def test_parameters_of_a_result_show_themselves_as_its_table(result):
+    assert repr(result).startswith(f"simtune.Result of cartpole, {result.path}\n")
+    assert repr(result.parameters) in repr(result)
+    assert result.parameters._repr_html_() in result._repr_html_()
+
+
+@pytest.mark.thorough
+def test_results_are_compared(result):
+    found = result.compare(result, str(result.path))
+    assert found["agree"]
+    assert repr(found).startswith("cartpole: run 1 ")
+    with pytest.raises(ValueError, match="two runs at least can be compared"):
+        result.compare()
+    with pytest.raises(ValueError, match="there is no such folder"):
+        result.compare(result.path / "none")
+
+
+@pytest.mark.thorough
+def test_a_finished_run_is_returned_as_it_is(result, caplog):
+    again = {"real_episodes": 2, "image_size": 32, "seed": 3}
+    with pytest.MonkeyPatch.context() as patch, caplog.at_level("INFO", "simtune"):
+        patch.setattr("simtune.tuning_run.tune", lambda *_, **__: pytest.fail("tuned"))
+        found = simtune.tune("cartpole", out=result.path, budget_minutes=1e-4, **again)
+        assert found.content == result.content
+        assert f"{result.path} is finished: " in caplog.text
+        with pytest.raises(ValueError, match="holds a run with seed 3, now 4"):
+            simtune.tune("cartpole", out=result.path, budget_minutes=1e-4, **again | {"seed": 4})
+
+
+def test_what_a_policy_reached_is_a_results_score(tmp_path):
+    facts = {"unit": "kg", "nominal": 0.1, "initial": 0.2, "mean": 0.2, "low": 0.1, "high": 0.3}
+    content = {"task": "cartpole", "method": "dr", "parameters": {"pole_mass": facts}}
+    scored = {"mean": 3.5, "std": 0.5, "episodes": 10}
+    write_json(tmp_path / "config.json", {"config": {"task": "cartpole"}})
+
+    def score(**more) -> dict:
+        write_json(tmp_path / "result.json", content | more)
+        return simtune.load(tmp_path).score
+
+    assert score(**{"return": scored}) == scored
+    reached = {"mean": 0.5, "std": 0.5, "episodes": 10}
+    assert score(**{"return": scored, "success": reached}) == scored | {"success": reached}
+    with pytest.raises(ValueError, match="has no score: it has no policy"):
+        score()
+    with pytest.raises(ValueError, match=r"no score: its world cannot be played: evaluate\(param"):
+        score(policy_steps=50)
+
+
+def test_a_run_is_evaluated_as_the_command_does(tmp_path, monkeypatch):
+    write_json(tmp_path / "config.json", {"config": {"task": "cartpole"}})
+    facts = {"unit": "kg", "nominal": 0.1, "initial": 0.2, "mean": 0.25, "low": 0.1, "high": 0.3}
+    content = {"task": "cartpole", "parameters": {"pole_mass": facts}}
+    write_json(tmp_path / "result.json", content)
+    run, asked_for = simtune.load(tmp_path), []
+
+    def evaluate(config: EvaluateConfig) -> dict:
+        space = simtune.load_task("cartpole").parameters
+        asked_for.append((config, read_parameters(config.parameters, space)[0]))
+        return {"mean": 1.0}
+
+    with pytest.raises(ValueError, match=r"is of `simtune tune` and has no policy.*give real REC"):
+        run.evaluate()
+    monkeypatch.setattr("simtune.evaluation.evaluate.evaluate", evaluate)
+    assert run.evaluate(parameters={"pole_mass": np.float64(0.3)}, episodes=4) == {"mean": 1.0}
+    run.evaluate(parameters=run.parameters)
+    run.evaluate(parameters=tmp_path / "result.json")
+    assert [mass for _, mass in asked_for] == [0.3, 0.25, 0.25]
+    assert [(config.run_folder, config.episodes) for config, _ in asked_for] == [
+        (tmp_path, 4),
+        (tmp_path, None),
+        (tmp_path, None),
+    ]
+    with pytest.raises(ValueError, match=r"^parameters: no parameter 'pole_mas'"):
+        run.evaluate(parameters={"pole_mas": 0.3})
+    with pytest.raises(ValueError, match=r"^episodes must be at least 1, got 0"):
+        run.evaluate(episodes=0)
+
+
+@pytest.mark.thorough
+def test_a_world_is_recorded_and_read_back(tmp_path, one_renderer_each):
+    task = simtune.load_task("cartpole")
+    short = {"episodes": 1, "image_size": 16}
+    folder = simtune.record(task, parameters={"pole_mass": 0.3}, out=tmp_path / "films", **short)
+    assert folder == tmp_path / "films"
+    assert simtune.check(task, real=folder)["recordings"]["episodes"] == 1
+    with pytest.raises(ValueError, match=r"^parameters: parameter 'pole_mass' must lie in"):
+        simtune.record(task, parameters={"pole_mass": 9}, out=tmp_path / "x", **short)
+    with pytest.raises(ValueError, match=r"no option 'size' in simtune.record"):
+        simtune.record(task, out=tmp_path / "x", size=3)
+    assert not (tmp_path / "x").exists()
+
+
+def test_tasks_and_parameters_show_themselves_in_few_words():
+    task = simtune.load_task("cartpole")
+    said = "<Task cartpole: 8 parameters, camera fixed, sensor encoders, 0.08 s a step>"
+    assert repr(task) == said
+    head, first, *rest = repr(task.parameters).splitlines()
+    assert head.split() == ["parameter", "unit", "nominal", "low", "high", "scale"]
+    assert first.split() == ["pole_mass", "kg", "0.1", "0.01", "1", "log"]
+    assert len(rest) == 7
+    ball = simtune.load_task(Path(__file__).parents[1] / "examples" / "bouncing_ball" / "tune.toml")
+    assert repr(ball) == "<Task bouncing_ball: 7 parameters, camera render, 0.05 s a step>"
 
 
 @pytest.mark.thorough

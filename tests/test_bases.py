@@ -123,7 +123,7 @@ def test_a_base_begins_as_fast_as_its_wheels_roll(loop):
     state = np.zeros(10)
     wheels, pitch = np.array([3.0, 3.0]), 0.4  # rad/s; wheels turn on the trunk
     state[[5 + PITCH, 5 + LEFT, 5 + RIGHT]] = [pitch, *wheels]
-    (rolled,) = loop.measured.bases.roll(state[None], right_unit(loop))
+    (rolled,) = loop.measured.bases.begun(state[None], right_unit(loop))
     assert rolled[5 + X] == pytest.approx(RADIUS * (wheels[0] + pitch), rel=1e-6)
     assert rolled[5 + Z] == pytest.approx(0, abs=1e-9)
     np.testing.assert_array_equal(rolled[[*range(5), 7, 8, 9]], state[[*range(5), 7, 8, 9]])
@@ -132,7 +132,7 @@ def test_a_base_begins_as_fast_as_its_wheels_roll(loop):
 def test_a_base_in_the_air_begins_as_it_did(loop):
     state = np.zeros(10)
     state[[Z, 5 + X, 5 + LEFT, 5 + RIGHT]] = [0.1, 0.2, 3, 3]
-    (rolled,) = loop.measured.bases.roll(state[None], right_unit(loop))
+    (rolled,) = loop.measured.bases.begun(state[None], right_unit(loop))
     np.testing.assert_array_equal(rolled, state)
 
 

@@ -21,6 +21,7 @@ from simtune.fit import (
     held_out_misfit,
     model_checks,
     run_bootstrap,
+    what_is_unexplained,
 )
 from simtune.fit.calibration.refits import believed_std, usual_std
 from simtune.fit.combine import COMMON_STD
@@ -624,6 +625,27 @@ def test_model_checks_warn_of_misfit():
     assert "nothing that moves is found for sure" in warning
 
 
+@pytest.mark.parametrize(
+    ("seen", "read", "is_misshapen", "where"),
+    [
+        (0.3, 0.01, False, "nothing"),
+        (0.9, 0.01, False, "film"),
+        (0.9, 0.01, True, "model"),
+        (0.9, 0.09, False, "model"),
+        (0.3, 0.09, False, "model"),
+    ],
+)
+def test_what_only_cameras_see_may_be_the_films_fault(seen, read, is_misshapen, where):
+    def with_readings(motion: float, angle: float) -> FitResult:
+        return replace(a_fit(), sensors=(KEYPOINTS, ANGLE), misfit=a_misfit(motion, angle))
+
+    known = [with_readings(0.3, 0.01).misfit] * 8
+    refits = replace(refits_of(np.zeros((8, len(SPACE)))), misfits=known)
+    beside = (Beside("keypoints", 4.3, 1.2, 0.01, -0.02),) * is_misshapen
+    fit = replace(with_readings(seen, read), beside=beside)
+    assert what_is_unexplained(fit, refits) == where
+
+
 def test_pairs_of_any_kind_are_told_where_their_errors_go_together():
     assert correlated_pairs(a_fit().correlation, SPACE) == {"pole_mass, actuator_gain": 0.9}
     of_red = correlated("body_r", "ground_r", -0.7)
@@ -753,7 +775,7 @@ def test_a_delay_in_pictures_is_told_once_with_what_readings_found_of_it(of_read
     """Actions were shifted by that before the fit to pictures."""
     by_readings = None
     if of_readings is not None:
-        by_readings = SimpleNamespace(latency_steps=of_readings, combined_with=lambda its: its)
+        by_readings = SimpleNamespace(latency_steps=of_readings, combined_with=lambda its, _: its)
     context = SimpleNamespace(simulator=SimpleNamespace(step_s=0.05))
     first = Distribution.first(SPACE, SPACE.nominal)
     flat = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))

@@ -78,7 +78,7 @@ def test_nothing_overflows_a_phone(tmp_path):
     result = json.loads((run / "result.json").read_text()) | {"moving_parts": {"ball": part}}
     (run / "result.json").write_text(json.dumps(result))
     page = write_report(run).read_text()
-    assert "Along for, before" in page
+    assert "Within 2 px, before" in page
     (tmp_path / "inner.html").write_text(page.replace("</body>", TELL + "</body>"))
     (tmp_path / "outer.html").write_text(PHONE)
     dom = browse(tmp_path / "outer.html", tmp_path, "--dump-dom")

@@ -15,13 +15,13 @@ from simtune.cameras.views import View, apart
 from simtune.checking import check
 from simtune.config import CheckConfig, RecordConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.filming import record
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, colour
 from simtune.randomization import Distribution
 from simtune.real.choose import choose_real
 from simtune.real.observed import observed
 from simtune.real.recorded import RecordedReal
-from simtune.record import record
 from simtune.recordings import open_dataset, write_dataset
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.primitives.drawing import Primitives

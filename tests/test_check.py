@@ -14,6 +14,7 @@ import pytest
 from late_actuators import delay
 
 from simtune import cli
+from simtune.budget import Budget
 from simtune.cameras.footage import Footage
 from simtune.cameras.views import View
 from simtune.checking import check, table
@@ -30,6 +31,7 @@ from simtune.fit.camera_changes import (
     picture_changes,
     windows,
 )
+from simtune.fit.motion import shooting
 from simtune.fit.sensitivity import Sensitivity, analyze, one_by_one
 from simtune.observation import ObservationModel
 from simtune.parameters import Parameter, ParameterSpace, camera_pose, colour, dynamics
@@ -76,7 +78,11 @@ SLIDER = f"""
 </mujoco>
 """
 MASS_KG = 2.0
-CHANGING = ("changing one parameter after the other", "asking how well the best fit could tell")
+CHANGING = [
+    "choosing keypoints",
+    "changing one parameter after the other",
+    "asking how well the best fit could tell: 0 of {} short windows",
+]
 NUM_EPISODES = 12
 
 
@@ -322,10 +328,22 @@ def test_what_shows_by_readings_depends_on_what_a_fit_leaves(told, at_best, verd
 
 
 def test_mass_of_a_slider_shows_where_its_gain_is_known(sliding):
-    covariance = motion_covariance(
+    covariance, _ = motion_covariance(
         sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0])
     )
     assert np.sqrt(covariance[0, 0]) < 0.02
+
+
+def test_windows_that_there_is_no_time_for_are_assumed_to_tell_as_much(sliding, monkeypatch):
+    given = sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0])
+    whole, all_of_it = motion_covariance(*given)
+    monkeypatch.setattr(shooting, "_MOST_WORLDS_AT_ONCE", 1)
+    one_by_one, share = motion_covariance(*given)
+    np.testing.assert_allclose(one_by_one, whole, rtol=1e-6)
+    few, its_share = motion_covariance(*given, Budget(1e-9))
+    assert all_of_it == share == 1
+    assert 0 < its_share < 1
+    assert 0.2 < few[0, 0] / whole[0, 0] < 5
 
 
 def test_delay_of_zero_is_analyzed_at_a_tenth_of_its_bound():
@@ -398,7 +416,7 @@ def test_picture_changes_equal_a_plain_loop(swinging):
 
 def test_motion_covariance_is_the_inverse_fisher_information(sliding):
     """x(t) = x0 + v0 t + s(t) / mass: all derivatives are known."""
-    covariance = motion_covariance(
+    covariance, _ = motion_covariance(
         sliding.simulator, sliding.keypoints, sliding.episodes, np.array([0])
     )
     assert 0 < sliding.episodes.observed.min() < sliding.episodes.observed.max() < SIZE - 1
@@ -492,7 +510,12 @@ def test_no_rate_is_advised_against_one_that_was_chosen_or_that_frames_need():
         "recordings are replayed at 10 steps/s, the task has 12.5; the simulator follows them"
     )
     assert "take a smaller --control-hz" in late
+    assert "Hz)" not in late  # nothing says whether frames come regularly
     assert warnings(pendulum(), facts | {"fps": 100.0}, actions, 1) == [late]
+    film = {"time_error_ms": {"largest": 20, "mean": 10}}
+    dense = {"control_hz": 50.0, "fps": 50.0, "cameras": [film]}
+    *_, late = warnings(pendulum(), dense, actions, 1)
+    assert "take a smaller --control-hz (frames seem to come at about 25 Hz)" in late
     fast = warnings(pendulum(), facts | {"control_hz": 1 / (1 / 49), "fps": 49}, actions, 1)
     assert fast[0].endswith(
         "--control-hz 12.5 brings them to it. Was 49 Hz the real rate? A wrong one in the file "
@@ -584,7 +607,7 @@ def test_the_table(simtune):
     assert status == 0
     said, *doing = err.splitlines()
     assert said == "pictures are 128 pixels high, not 64, since what moves has 2.3 pixels there"
-    assert [line.split("%  ")[1] for line in doing] == list(CHANGING)
+    assert [line.split("%  ")[1] for line in doing] == [*CHANGING[:2], CHANGING[2].format(8)]
     lines = out.splitlines()
     assert lines[0].startswith("pendulum: 2 episodes of 48 steps of 0.08 s with random actions")
     assert (
@@ -609,11 +632,14 @@ def test_the_table_says_how_late_the_worst_camera_is():
         {"source_size": (48, 64), "codec": "h264", "key": f"c{i}", "time_error_ms": late}
         for i, late in enumerate(times)
     ]
-    facts = dict.fromkeys(("folder", "kind", "episodes", "steps", "dataset_hash"), "")
+    facts = dict.fromkeys(("folder", "kind", "episodes", "steps"), "") | {"dataset_hash": "b73f"}
     facts |= {"fps": 10.0, "control_hz": 10.0, "action_ranges": {}, "cameras": cameras}
     result = {"task": "t", "episodes": 1, "steps": 30, "step_s": 0.1, "recordings": facts}
     said = "\n".join(table(result | {"parameters": {}, "pairs": []}))
     assert "away from their steps by 31.5 ms at most, 9 ms on average" in said
+    assert "b73f" not in said  # of interest to --json alone
+    times[0]["largest"] = 0.0
+    assert "away from" not in "\n".join(table(result | {"parameters": {}, "pairs": []}))
 
 
 @pytest.mark.parametrize(
@@ -658,7 +684,9 @@ def test_recordings_in_json(simtune, recorded, tmp_path, monkeypatch, small_libr
     status, out, err = simtune("check", "pendulum", "--real", recorded, "--json")
     assert status == 0
     doing = [line.split("%  ")[1] for line in err.splitlines()]
-    assert doing == ["reading the recordings", "comparing pictures", *CHANGING]
+    drawing = "comparing pictures: drawing worlds of the simulator"
+    assert doing[:2] == ["reading the recordings", drawing]
+    assert doing[-3:] == [*CHANGING[:2], CHANGING[2].format(6)]
     assert re.match(r" *\d+ s +0 %  reading", err)
     result = json.loads(out)
     assert (result["episodes"], result["steps"], result["step_s"]) == (2, 30, pytest.approx(0.1))

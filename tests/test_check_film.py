@@ -19,6 +19,7 @@ from simtune.checking.film.film_warnings import all_clear, warnings
 from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, MIRRORED
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.resting import in_words, resting_parts
+from simtune.checking.picture_files import picture_file
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
@@ -80,7 +81,7 @@ def _own_worlds_compared_once():
     own_gain = film._own_gain
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(film, "_own_gain", own_gain_once)
-        patch.setattr(film, "_JUDGED", (5, 4))
+        patch.setattr(film, "_JUDGED_SIZES", (5, 4))
         yield
 
 
@@ -385,6 +386,8 @@ def test_check_saves_a_picture_and_says_where(tmp_path, monkeypatch, capsys, sma
 
 def test_where_pictures_cannot_go(tmp_path):
     recorded = tmp_path
+    for name in ("there.png", "both-servos.png", "several-wrist.png"):
+        (tmp_path / name).touch()
     for options, message in (
         ({"pictures": tmp_path / "a.png"}, "goes with recordings only"),
         ({"real": recorded, "pictures": tmp_path / "a.jpg"}, "ends in .png"),
@@ -393,6 +396,19 @@ def test_where_pictures_cannot_go(tmp_path):
             {"real": recorded, "camera_pose": tmp_path / "c.toml", "pictures": tmp_path / "a.png"},
             "goes with a check without --camera-pose",
         ),
+        (
+            {"real": recorded, "pictures": tmp_path / "there.png"},
+            r"/there.png exists already; name a new file",
+        ),
+        (
+            {"real": recorded, "pictures": tmp_path / "both.png"},
+            r"both.png: \S+/both-servos.png exists already; name a new file",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             CheckConfig(task="pendulum", **options).check()
+    several = tmp_path / "several.png"
+    CheckConfig(task="pendulum", real=recorded, pictures=several).check()
+    assert picture_file(several, "-front") == tmp_path / "several-front.png"
+    with pytest.raises(InputError, match=r"several-wrist.png exists already"):  # of a camera
+        picture_file(several, "-wrist")

@@ -392,6 +392,14 @@ def test_a_run_warns_of_its_readings_as_check_does(recorded, tmp_path, monkeypat
     assert 'are its readings degrees? give the sensor unit = "deg"' in said
     assert warnings == [record.getMessage() for record in caplog.records][:4]
 
+    # A session that only ends the run is too short to look again
+    kept = json.loads(json.dumps(ended.to_keep))
+    monkeypatch.setattr("simtune.tuning_run.kept_state", lambda _: kept)
+    tune(replace(config, budget_minutes=0.01), settings=cast(Settings, object()))
+    _, again, kept_warnings, _ = ended.finish.call_args.args
+    assert (again, kept_warnings) == (found, warnings)
+    assert len(asked_s) == 1
+
 
 def test_check_without_a_camera(tmp_path):
     write_task(tmp_path)
@@ -406,7 +414,7 @@ def test_check_without_a_camera(tmp_path):
     assert pair["parameters"] == ["cart_mass", "push_gain"]
     assert "their ratio, cart_mass / push_gain" in pair["says"]
     printed = "\n".join(table(result))
-    assert "told to: standard deviation that the best fit to such readings could have" in printed
+    assert "told to  standard deviation that the best fit to such readings could have" in printed
     for word in ("picture", "video", "pixel"):
         assert word not in printed
 
@@ -466,7 +474,7 @@ def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, cap
     lines = capsys.readouterr().out.splitlines()
     assert any(" at best  told to  verdict" in line for line in lines)
     assert any(
-        line.startswith("at best: the same if it left nothing of the reading") for line in lines
+        line.startswith("  at best  the same if it left nothing of the readings") for line in lines
     )
     head, row = next((a, b) for a, b in pairwise(lines) if "lag" in a)
     assert head.split()[:4] == ["joint", "moves", "lag", "steps"]

@@ -8,7 +8,7 @@ from simtune.checking.servos.doubts import doubts
 from simtune.checking.servos.fit import ServoResponse, delayed_by, filtered_by, fit_servo
 from simtune.checking.servos.following import Following, Watched, follows
 from simtune.checking.servos.gains import gains_to_write
-from simtune.checking.servos.look import look_at
+from simtune.checking.servos.look import look_at, look_at_all
 from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.play import find_play, through_play
 from simtune.checking.servos.roughness import roughness
@@ -309,6 +309,48 @@ def test_other_units_and_signs_of_an_arm_that_strikes_things(factor, said):
 def test_another_joint_s_column():
     (said,) = said_of(commands(), [reads(c) for c in commands(seed=7)])
     assert "hardly follows its command" in said
+
+
+def test_where_no_other_column_follows_better_none_is_asked_for():
+    (said,) = said_of(commands(), [reads(c) for c in commands(seed=7)])
+    assert "no other joint's column does so better. Is its servo weak" in said
+
+
+def test_of_joints_that_move_together_the_pair_that_explains_both_is_told():
+    """Hip 3 steps with hip 1, and follows its own command: it is not the ankle's column."""
+    hip, ankle = commands(), commands(seed=7)
+    other = [its + 0.1 * more for its, more in zip(hip, commands(seed=9), strict=True)]
+    asked = {"hip_1": hip, "ankle_1": ankle, "hip_3": other}
+    read = {"hip_1": ankle, "ankle_1": other, "hip_3": other}  # a bit nearer to the third's
+    joints = [
+        Watched(name, "rad", asked[name], [reads(c) for c in read[name]], STEP_S) for name in asked
+    ]
+    doubts = [
+        its.doubts for its in look_at_all(joints, [encoder("legs", tuple(asked), (1.0, 1.0, 1.0))])
+    ]
+    (said,) = grouped(doubts[1])
+    assert said.startswith("ankle_1 follows hip_1's command")
+    assert doubts[2] == []
+
+
+@pytest.mark.parametrize("scale", [np.pi / 180, 180 / np.pi])
+def test_a_unit_that_all_joints_share_is_told_alone(scale):
+    asked = {name: commands(seed=seed) for name, seed in (("hip", 1), ("knee", 2), ("ankle", 3))}
+    weak = {"hip": 1.0, "knee": 0.6, "ankle": 0.3}
+
+    def read(name: str, command: np.ndarray) -> np.ndarray:
+        return reads(scale * weak[name] * command, 0.02 * (1 - weak[name]) * scale)
+
+    joints = [
+        Watched(name, "rad", its, [read(name, command) for command in its], STEP_S)
+        for name, its in asked.items()
+    ]
+    legs = encoder("legs", tuple(asked), (1.0, 1.0, 1.0))
+    seen = look_at_all(joints, [legs])
+    (said,) = grouped(doubt for its in seen for doubt in its.doubts)
+    assert ('unit = "deg"' if scale > 1 else "rad already, or are the actions degrees") in said
+    assert said.endswith("(likewise knee, ankle)")
+    assert gains_to_write([legs], [its.misread_by for its in seen]) == []
 
 
 @pytest.mark.parametrize("factor", [1, -1000])

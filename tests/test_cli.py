@@ -341,7 +341,9 @@ def test_what_a_library_warns_of_is_printed_once(capsys):
     assert printed.out == ""
 
 
-@pytest.mark.parametrize("module", ["api", "report", "export", "sweep", "compare", "figures"])
+@pytest.mark.parametrize(
+    "module", ["api", "report", "export", "sweep", "compare", "figures", "experiment.finished"]
+)
 def test_commands_that_learn_nothing_load_no_torch(module):
     """It takes seconds."""
     code = f"import sys, simtune.{module}; print('torch' in sys.modules)"
@@ -463,7 +465,7 @@ def test_an_interrupted_command_exits_with_130_and_says_what_is_kept(
     if rounds:
         with RunFolder.create(out, {}) as run:
             run.save_checkpoint({}, {"step": 50, "rounds": rounds})
-    for name in ("tuning_run.tune", "algorithm.train", "record.record"):
+    for name in ("tuning_run.tune", "algorithm.train", "filming.record"):
         monkeypatch.setattr(f"simtune.{name}", interrupt)
     status, said, err = simtune(command, "cartpole", "--out", out)
     lines = [line for line in err.splitlines() if not is_progress(line)]
@@ -560,26 +562,25 @@ def test_a_name_that_is_nearly_there_is_suggested_at_once(tmp_path):
 # --- what works ---------------------------------------------------------------------------
 
 
-def test_tasks_lists_every_parameter(simtune):
+def test_tasks_lists_tasks_and_with_a_name_every_parameter(simtune):
     status, out, err = simtune("tasks")
     assert (status, err) == (0, "")
-    listed: dict[str, list[str]] = {}
-    for line in out.splitlines():
-        if not line.startswith(" "):
-            task = line.split(":")[0]
-            listed[task] = []
-        elif "--observe" not in line:
-            listed[task].append(line.split()[0])
-    expected = {
-        task: [
-            name
-            for group in groups
-            for name in ([f"{group}_{c}" for c in "rgb"] if group in COLOURED else [group])
-        ]
-        for task, groups in NAMES.items()
-    }
-    assert listed == expected
-    assert "kg" in out
+    *lines, empty, hint = out.splitlines()
+    assert sorted(line.split()[0] for line in lines) == sorted(NAMES)
+    assert lines[-1].endswith("keep the pole on the cart upright (8 parameters)")
+    assert (empty, hint) == ("", "simtune tasks NAME lists a task's parameters")
+    for task, groups in NAMES.items():
+        status, out, _ = simtune("tasks", task)
+        head, _, columns, *rows = out.splitlines()
+        assert head.startswith(f"{task}: ")
+        assert columns.split()[:4] == ["parameter", "nominal", "low", "high"]
+        listed = [row.split()[0] for row in rows if row and "--observe" not in row]
+        rgb = [[f"{g}_{c}" for c in "rgb"] if g in COLOURED else [g] for g in groups]
+        assert listed == list(itertools.chain(*rgb))
+    line = "actuator_gain        1   0.1    10        actuator_gainprm of slide"
+    assert line in simtune("tasks", "cartpole")[1]
+    assert list(json.loads(simtune("tasks", "walker", "--json")[1])) == ["walker"]
+    simtune.refuses("tasks", "ball_in_cap", message="did you mean 'ball_in_cup'")
 
 
 @pytest.mark.thorough
@@ -599,6 +600,13 @@ def test_tune_and_report_write_a_report(simtune, tmp_path, quick_commands, monke
     assert str(out / "report.html") in said
     result = json.loads((out / "result.json").read_text())
     assert result["command"] == shlex.join(map(str, ("simtune", *command)))
+    written = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    _, again, progress = simtune(*command, "--real", "pseudo")
+    over = f"{out} is finished: the time is over, or too short for another round; with more --budge"
+    assert over in progress
+    assert "filming" not in progress
+    assert again.splitlines() == said.splitlines()
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == written
     (out / "report.html").unlink()
     assert "NO RECORDINGS" not in simtune(*command, "--real", "pseudo")[2]
     assert json.loads(simtune(*command, "--json")[1]) == json.loads(
@@ -656,7 +664,7 @@ def test_a_training_that_searches_for_nothing_prints_its_warnings_alone(
     assert "pole_mass" not in said
     assert "warning: the policy had not begun to learn: give more --policy-steps" in said
     assert "in 1 episode\n" in said
-    simtune.refuses("evaluate", tmp_path / "run", message="has no policy yet")
+    simtune.refuses("evaluate", tmp_path / "run", message="no policy yet: its training is fin")
     simtune.refuses("compare", *[tmp_path / "run"] * 2, message="dr, which gives no intervals")
 
 
@@ -719,7 +727,7 @@ def test_a_doctor_says_the_same_in_lines_and_in_json_and_fails_after_it(simtune,
     found = [("python", "3.11"), ("raycaster", "works: 9 frames/s at 64 px"), ("opengl", "no")]
     monkeypatch.setattr("simtune.doctor.analyze", lambda: iter(found))
     status, said, _ = simtune("doctor")
-    assert (status, said.splitlines()[1]) == (0, "raycaster  works: 9 frames/s at 64 px")
+    assert (status, said.splitlines()[1]) == (0, "raycaster        works: 9 frames/s at 64 px")
     assert json.loads(simtune("doctor", "--json")[1]) == dict(found)
     found[1] = ("raycaster", "does not work: no driver")
     status, said, err = simtune("doctor", "--json")
@@ -734,7 +742,7 @@ def test_a_closed_pipe_causes_no_traceback():
 
 
 def test_what_stdout_cannot_encode_is_a_question_mark():
-    done = in_a_shell("PYTHONIOENCODING=ascii simtune tasks")
+    done = in_a_shell("PYTHONIOENCODING=ascii simtune tasks walker")
     assert (done.returncode, done.stderr) == (0, "")
     assert "?" in done.stdout
 
@@ -756,10 +764,12 @@ def test_help_prints_the_usage_and_the_options_of_tune(simtune, command):
 
 
 def test_help_lists_a_commands_own_options_first_in_whole_sentences(simtune, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("COLUMNS", "200")
     _, out, _ = simtune("tune", "--help")
     shown = re.findall(r"^[│ ] {1,2}(--[a-z-]+)", out, re.MULTILINE)
-    assert shown[:2] == ["--out", "--real-episodes"]
+    assert shown[:3] == ["--out", "--real", "--real-episodes"]
+    assert re.findall(r"(\S+) options", out) == ["recordings", "robot", "pseudo-real"]
+    assert "--no-" not in out
     assert set(shown) == {flag(field.name) for field in fields(TuneConfig)} - {"--task"}
     assert "(default: None)" not in out
     assert "(default: 8.0)" in out
@@ -772,6 +782,24 @@ def test_help_of_all_shows_what_to_type_first(simtune):
     assert [line.split()[0] for line in typed] == ["check", "tune", "export"]
     for line in typed:
         parse(line.split())
+    assert "--version" in out
+    assert "--tyro-print-completion bash" in out
+    assert "Takes seconds, plus the time to read recordings" not in out  # the second sentence
+
+
+def test_help_says_of_each_command_how_large_its_pictures_are(simtune, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    of_check, of_tune = (simtune(command, "--help")[1] for command in ("check", "tune"))
+    assert "and 240 with --camera-pose" in of_check
+    assert "paper's search" not in of_check
+    assert "100 for the paper's search" in of_tune
+
+
+def test_flags_are_shown_once_and_what_sweeps_type_is_understood(simtune):
+    assert "(default: )" not in (out := simtune("compare", "--help")[1])
+    assert "(required)" in out
+    assert re.search(r"^. --json  +Print", out, re.MULTILINE)
+    assert parse(["tune", "cartpole", "--out", "x", "--no-move", "--json"]).move is False
 
 
 def test_an_order_to_end_is_not_blamed_on_a_users_code():
@@ -906,7 +934,7 @@ def test_the_command_that_comes_next_can_be_pasted_whatever_a_folder_is_called(
     simtune, tmp_path, monkeypatch
 ):
     folder = tmp_path / "a b"
-    monkeypatch.setattr("simtune.record.record", lambda config, _: config.out)
+    monkeypatch.setattr("simtune.filming.record", lambda config, _: config.out)
     _, said, _ = simtune("record", "cartpole", "--out", folder)
     typed = shlex.split(said.partition("next: ")[2])
     assert typed == ["simtune", "check", "cartpole", "--real", str(folder)]

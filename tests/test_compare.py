@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,8 @@ def test_three_runs_in_one_table(tmp_path):
     lines = table(result)
     assert lines[0].count("run ") == 3
     assert len(lines[2].split("[")) == 4  # three intervals
+    numbers = re.findall(r"[\d.]+(?=[ ,\]])", lines[2].split("std")[0])[:9]
+    assert len({len(its.partition(".")[2]) for its in numbers}) == 1  # of the same decimals
     assert "of sets of runs" in lines[-1]
     with pytest.raises(InputError, match="two runs at least"):
         compared(runs[0])

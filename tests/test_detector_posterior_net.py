@@ -547,7 +547,7 @@ def test_an_update_by_longer_episodes_takes_no_longer(monkeypatch):
     errors = DetectorErrors(np.zeros((2, 8, 2, 2)), np.zeros((2, 8, 2, 2)), np.zeros((2, 2)))
     drawn = {}
     for limit in (400, 26):
-        monkeypatch.setattr("simtune.search_param_model.posterior_batches._STEPS_OF_ALL", limit)
+        monkeypatch.setattr("simtune.search_param_model.posterior_batches._MAX_TOTAL_STEPS", limit)
         model.generator.manual_seed(0)
         config = replace(model.config.posterior_net, crop_lengths=4, shortest_crop=21)
         batches = PosteriorBatches(worlds, errors, model.visible, config, model.generator)

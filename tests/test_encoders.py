@@ -13,10 +13,10 @@ from simtune.budget import Budget
 from simtune.config import RecordConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
+from simtune.filming import record
 from simtune.observation import AllEvidence, JointReadings, ObservationModel
 from simtune.real.choose import choose_real
 from simtune.real.observed import observed
-from simtune.record import record
 from simtune.run.folder import RunFolder
 from simtune.run.real_episodes import read_real, write_real
 from simtune.tasks import load_task

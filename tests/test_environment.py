@@ -16,9 +16,9 @@ from simtune.checking import check
 from simtune.config import CheckConfig, RecordConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
+from simtune.filming import record
 from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
-from simtune.record import record
 from simtune.recordings import write_dataset
 from simtune.run.files import read_json
 from simtune.search_param_model.simulated import play_worlds
@@ -87,6 +87,21 @@ def test_a_start_is_that_of_another_episode_whatever_the_world():
     one, other = simulator.film(first)[0], simulator.film(second)[0]
     np.testing.assert_array_equal(one[0], other[0])
     assert (one[-1] != other[-1]).any()
+
+
+def test_old_episodes_are_forgotten_and_the_latest_are_not(monkeypatch):
+    monkeypatch.setattr("simtune.simulation.environment._MOST_ACTIONS_KEPT", 20)
+    simulator = TASK.simulator(image_size=SIZE)
+    parameters, actions, rng = some_worlds(3, 5)
+    first = simulator.roll_out(parameters, actions, rng)
+    second = simulator.roll_out(parameters, actions, rng)
+    assert [played.states[-1, 0, 0] for played in (first, second)] == [2, 5]
+    assert len(simulator._episodes) == 4
+    assert simulator.film(second).shape[:2] == (3, 6)
+    with pytest.raises(ValueError, match="episode 0 can no longer be drawn"):
+        simulator.film(first)
+    many = simulator.roll_out(np.repeat(parameters, 3, 0), np.repeat(actions, 3, 0), rng)
+    assert simulator.film(many).shape[:2] == (9, 6)  # all of one call stay
 
 
 class Letterbox(gymnasium.Wrapper):
@@ -344,6 +359,9 @@ def test_files_that_name_no_environment_are_refused(tmp_path):
     assert "gymnasium does not know NoSuchThing-v0" in refused(by_id, tmp_path)
     assert "did you mean 'nominal'" in refused(text.replace("nominal", "nominel"), tmp_path)
     assert "model" in refused('model = "a.xml"\n' + text, tmp_path)
+    for name in (" ", "a, b / c"):
+        renamed = text.replace('name = "gravity"', f'name = "{name}"')
+        assert f"letters, digits, _ and - only, got {name!r}" in refused(renamed, tmp_path)
     (tmp_path / "env.py").write_text("import not_there_at_all")
     assert "env.py cannot be run: ModuleNotFoundError" in refused(text, tmp_path)
     (tmp_path / "env.py").write_text("class :")

@@ -56,6 +56,21 @@ def test_extents_are_across_what_moves(folder, load, size):
     assert found == pytest.approx({"plate": size / 16, "turned": size / 32}, rel=0.02)
 
 
+CLOTH = """
+    <flexcomp name="cloth" type="grid" dim="2" count="5 3 1" spacing=".25 .25 .25" euler="90 0 0"
+              radius=".01" mass=".1"><edge equality="true"/></flexcomp>
+  </worldbody>"""
+
+
+def test_a_cloth_is_as_large_as_its_vertices_show(folder, load):
+    """5 by 3 vertices .25 m apart, before a camera that sees 4 m: the narrow side is .5 m."""
+    (folder / "scene.xml").write_text(SCENE.replace("</worldbody>", CLOTH))
+    simulator = load(TUNING).simulator(image_size=64, views=[View("front")])
+    worlds, rng = np.tile(simulator.space.nominal, (1, 1)), np.random.default_rng(0)
+    states = simulator.roll_out(worlds, np.zeros((1, 2, 1)), rng).states
+    assert extents_px(simulator, states, simulator.views)["cloth"] == pytest.approx(8.0, rel=0.02)
+
+
 def test_what_leaves_the_picture_is_as_large_as_it_was_in_it(folder, load):
     (folder / "scene.xml").write_text(SCENE)
     simulator = load(TUNING).simulator(image_size=64, views=[View("front")])

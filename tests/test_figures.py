@@ -251,6 +251,17 @@ def test_runs_of_a_task_with_a_slash_in_its_name_are_drawn(tmp_path):
     assert setting.key == "left_.._right"
 
 
+def test_tasks_whose_names_are_alike_as_files_names_have_files_of_their_own(tmp_path):
+    for name in ("a b", "a_b", "a?b"):
+        make_run(tmp_path, task=name)
+    drawn = found(tmp_path)
+    assert [setting.key for setting in drawn] == ["a_b", "a_b-2", "a_b-3"]
+    write_figures(tmp_path)
+    written = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert {f"{figure.key}.csv" for s in drawn for figure in figures_of(s)} < written
+    assert len([name for name in written if name.endswith("return-step.csv")]) == 3
+
+
 def test_runs_of_a_version_with_fewer_options_are_seeds_of_the_same(tmp_path):
     make_run(tmp_path, seed=0)
     make_run(tmp_path, seed=1, known_colour=None, json=False, task_name="ball_in_cup")

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -12,8 +13,10 @@ from simtune.fit.motion.shooting import ShootingFit
 from simtune.fit.motion.shooting_config import Spans
 from simtune.fit.motion.two_sides import fit_from_two_sides
 from simtune.fit.motion.windows import Windows
-from simtune.fit.physics import _NOTHING_LIKE_IT
+from simtune.fit.physics import _DIVERGED_READING, is_lost
 from simtune.observation import AllEvidence
+from simtune.parameters import Parameter, ParameterSpace
+from simtune.simulation import Drawing, Scene, Simulator
 from simtune.tasks import load_task
 
 SPACE = load_task("cartpole").parameters
@@ -38,7 +41,7 @@ class DivergingPhysics(RoughPhysics):
     def play(self, states, units, actions, actuator_states, predictions_per_step):
         full_states, predicted = super().play(states, units, actions, actuator_states, 1)
         diverged = (np.arange(len(states)) % 3 == 1) & (units[:, 0] > 0.5)
-        return full_states, np.where(diverged[:, None, None], _NOTHING_LIKE_IT, predicted)
+        return full_states, np.where(diverged[:, None, None], _DIVERGED_READING, predicted)
 
 
 def slopes_at(unit: float, physics: type = RoughPhysics):
@@ -60,10 +63,49 @@ def test_slopes_are_no_steeper_than_what_they_cross_in_between_and_at_bounds(uni
     np.testing.assert_array_equal(slopes.by_state[:, 1], 0.0)
 
 
-def test_a_window_that_diverges_beside_the_point_says_nothing_of_the_parameter():
+def test_of_a_window_that_diverges_on_one_side_the_other_side_tells():
     slopes = slopes_at(0.5, DivergingPhysics).by_parameter[:, 0, :, 0]
-    np.testing.assert_array_equal(slopes[1], 0.0)
-    np.testing.assert_allclose(slopes[[0, 2]], SLOPE, atol=2 * ROUGHNESS / 0.01)
+    np.testing.assert_allclose(slopes, SLOPE, atol=2 * ROUGHNESS / 0.01)
+
+
+@pytest.mark.parametrize("unit", [0.6, 1.0])
+def test_a_window_that_diverges_at_the_point_says_nothing(unit):
+    slopes = slopes_at(unit, DivergingPhysics)
+    assert not slopes.by_parameter[1].any()
+    assert not slopes.by_state[1].any()
+    np.testing.assert_allclose(slopes.by_parameter[[0, 2]], SLOPE, atol=2 * ROUGHNESS / 0.01)
+    np.testing.assert_allclose(slopes.by_state[[0, 2], 0], 1.0, atol=2 * ROUGHNESS / 0.03)
+
+
+STIFF = """
+<mujoco><option timestep=".005" integrator="Euler"/>
+  <worldbody><body name="arm"><joint name="turn" axis="0 1 0" damping=".05"/>
+    <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.3" mass=".1"/></body></worldbody>
+  <actuator><position name="servo" joint="turn" kp="1000"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("per_step", [1, 2])
+def test_a_world_is_lost_where_its_physics_stopped_at_huge_numbers(per_step):
+    gain = Parameter(
+        name="gain", field="actuator_gainprm", component=0, objects=("servo",), nominal=100.0,
+        low=10.0, high=1e6, unit="Nm/rad",
+    )  # fmt: skip
+    space, model = ParameterSpace([gain]), mujoco.MjModel.from_xml_string(STIFF)
+    scene = Scene(model=model, space=space, step_s=0.05, initialize=lambda batch, rng: None)
+    simulator = Simulator(scene, Drawing(image_size=1))
+    begun = simulator.begin(np.array([[100.0]]), np.random.default_rng(0)).states[0, 0]
+    physics = Physics(simulator, lambda batch: batch.qpos.copy(), begun)
+    units = space.to_unit(np.array([[100.0], [600.0], [1e5]]))
+    states, actions = np.tile([[0.05, 0.0]], (3, 1)), np.full((3, 12, 1), 0.01)
+    full_states, predicted = physics.play(states, units, actions, None, per_step)
+    assert np.isfinite(full_states).all()
+    assert is_lost(predicted).tolist() == [False, True, True]
+    starts = physics.full_states(states)
+    rng, gains = np.random.default_rng(0), space.from_unit(units)
+    played = simulator.play(gains, lambda t, _: actions[:, t], 12, rng, starts=starts)
+    assert 0 < played.lengths[1] < 12
+    lost = np.isclose(predicted[..., 0], _DIVERGED_READING).sum(1)
+    np.testing.assert_array_equal(lost, (12 - played.lengths) * per_step)
 
 
 class Contraction:

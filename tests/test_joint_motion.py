@@ -179,7 +179,7 @@ def test_a_friction_that_few_windows_show_is_off_by_as_much_as_is_claimed(tmp_pa
 def test_who_knows_the_robots_states_can_tell_more_of_the_box(pushes):
     observed = without_readings(pushes.observed)
     least = [
-        shooting(pushes, is_known).fisher_covariance(observed, pushes.states, pushes.truth)[0, 0]
+        shooting(pushes, is_known).fisher_covariance(observed, pushes.states, pushes.truth)[0][0, 0]
         for is_known in (np.tile([True] + 6 * [False], 2), np.zeros(14, bool))
     ]
     assert least[0] < 0.97 * least[1]

@@ -228,7 +228,7 @@ def test_at_most_so_many_keypoints_and_none_for_less_than_the_tolerance(monkeypa
     seen = rng.normal(0, 5, (500, 9, 2))
     assert sorted(choose_keypoints(seen)) == list(range(9))
     assert choose_keypoints(rng.normal(0, 0.1, (500, 9, 2))) == []
-    monkeypatch.setattr("simtune.vision.keypoints._MOST", 4)
+    monkeypatch.setattr("simtune.vision.keypoints._MAX_KEYPOINTS", 4)
     assert len(choose_keypoints(seen)) == 4
 
 

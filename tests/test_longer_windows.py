@@ -125,7 +125,8 @@ def test_no_second_longer_windows_are_begun_that_would_not_end_in_time(pendulum,
 
     monkeypatch.setattr(Shooting, "_cut", cut_in_ten_seconds)
     monkeypatch.setattr("simtune.fit.motion.shooting.time.monotonic", lambda: now_s[0])
-    monkeypatch.setattr("simtune.fit.motion.shooting._ENOUGH", 0.0)  # nothing is known well enough
+    # Nothing is known well enough
+    monkeypatch.setattr("simtune.fit.motion.shooting._WELL_KNOWN_STD", 0.0)
     swings.shooting.extend_horizon(*arguments, short, until_s=now_s[0] + 19)
     assert begun == [24]
     swings.shooting.extend_horizon(*arguments, short, until_s=now_s[0] + 21)

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from simtune.simulation.driven_joints import driven_joints
 from simtune.simulation.loose_objects import gliding_joints, loose_joints, passive_joints
 
 SCENE = """
@@ -113,3 +114,47 @@ def test_a_block_on_a_body_that_never_moves_glides(parent):
 def test_a_joint_is_driven_also_by_a_tendon_or_another_joint(ties, drive, passive):
     model = model_with(ties, drive)
     assert names(model, passive_joints(model)) == passive
+
+
+FLYING = """<mujoco>
+  <worldbody>
+    <site name="still"/>
+    <body name="drone"><freejoint name="drone"/><geom size=".1"/><site name="thruster"/></body>
+    <body name="ball"><freejoint name="ball"/><geom size=".1"/></body>
+    <body name="craft">
+      <joint name="craft_x" type="slide" axis="1 0 0"/>
+      <joint name="craft_y" type="slide" axis="0 1 0"/><geom size=".1"/><site name="fan"/></body>
+    <body name="upper"><joint name="shoulder"/><geom size=".1"/><site name="collar"/>
+      <body name="lower"><joint name="elbow"/><geom size=".1"/><site name="hand"/></body></body>
+    <body name="knob"><joint name="knob" type="ball"/><geom size=".1"/><site name="top"/></body>
+  </worldbody>
+  <tendon><spatial name="cable"><site site="collar"/><site site="hand"/></spatial></tendon>
+  <actuator>DRIVE</actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("drive", "driven"),
+    [
+        ("<motor joint='drone' gear='0 0 1 0 0 0'/>", ["drone"]),
+        ("<motor site='thruster' gear='0 0 1 0 0 0'/>", ["drone"]),
+        ("<motor site='fan' gear='1 0 0 0 0 0'/>", ["craft_x", "craft_y"]),
+        ("<motor site='hand' gear='0 0 1 0 0 0'/>", ["shoulder", "elbow"]),
+        ("<motor site='hand' refsite='collar' gear='0 0 1 0 0 0'/>", ["elbow"]),
+        ("<motor site='hand' refsite='fan' gear='1 0 0 0 0 0'/>", None),
+        ("<motor tendon='cable'/>", ["elbow"]),
+        ("<orientation joint='knob'/>", ["knob"]),
+        ("<orientation site='top' refsite='still'/>", ["knob"]),
+        ("<adhesion body='ball' ctrlrange='0 1'/>", []),
+    ],
+)
+def test_what_thrusters_or_forces_at_sites_drive_is_not_loose(drive, driven):
+    model = mujoco.MjModel.from_xml_string(FLYING.replace("DRIVE", drive))
+    driven = ["craft_x", "craft_y", "shoulder", "elbow"] if driven is None else driven
+    assert names(model, sorted(driven_joints(model))) == driven
+    loose = [name for name in ("drone", "ball") if name not in driven]
+    assert names(model, loose_joints(model)) == loose
+    others = ["craft_x", "craft_y", "shoulder", "elbow", "knob"]
+    assert names(model, passive_joints(model)) == [n for n in others if n not in driven]
+    gliding = [] if "craft_x" in driven else ["craft_x", "craft_y"]
+    assert names(model, gliding_joints(model)) == gliding

@@ -11,9 +11,9 @@ from mujoco.batch import Batch
 from simtune.config import RecordConfig
 from simtune.errors import InputError
 from simtune.experiment.rollout import PolicyWorlds
+from simtune.filming import record
 from simtune.parameters import ModelWriter
 from simtune.randomization import Distribution
-from simtune.record import record
 from simtune.simulation import Simulator, random_actions
 from simtune.tasks import Task, load_task
 from simtune.tasks.xarm7.scene import place_of
@@ -227,7 +227,7 @@ class TestBoth:
 
     def test_the_script_can_be_filmed(self, name, tmp_path, monkeypatch):
         short = replace(task_of(name), episode_steps=4)
-        monkeypatch.setattr("simtune.record.film.load_task", lambda _: short)
+        monkeypatch.setattr("simtune.filming.film.load_task", lambda _: short)
         config = RecordConfig(task=name, out=tmp_path / "dataset", episodes=1, policy="scripted")
         assert record(replace(config, image_size=32)).is_dir()
         monkeypatch.undo()

@@ -95,6 +95,7 @@ def a_search(
     config: PaperConfig = SMALL,
     seed: int = 0,
     method: Method = "paper",
+    known: np.ndarray | None = None,
 ) -> PaperSearch:
     simulator = simulator or FakeSimulator()
     context = SearchContext(
@@ -103,6 +104,7 @@ def a_search(
         start=start,
         observation=observed_of(simulator),
         seed=seed,
+        known=known,
     )
     return PaperSearch(context, config, method=method)
 
@@ -382,6 +384,17 @@ def test_paper_search_replays_recorded_actions():
     a_search(simulator).run_round(real, Budget())
     allowed = {t.actions[:12].tobytes() for t in real}
     assert {actions.tobytes() for actions in simulator.played} == allowed
+
+
+@pytest.mark.parametrize("method", ["paper", "regression"])
+def test_paper_search_refuses_a_known_colour_which_it_would_move(method):
+    space = ParameterSpace([a_parameter(f"card_{c}", 0.1, 1.0) for c in "rgb"])
+    simulator = FakeSimulator()
+    simulator.space = space
+    assert a_search(simulator, space.nominal, known=np.full(3, np.nan)).num_moves == 0
+    said = f"known = true, .* of card, goes with --search posterior, got {method}"
+    with pytest.raises(InputError, match=said):
+        a_search(simulator, space.nominal, known=space.nominal, method=method)
 
 
 def test_paper_search_refuses_negative_bounds_short_episodes_and_small_pictures():

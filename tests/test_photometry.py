@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from simtune.config import TuneConfig
 from simtune.errors import InputError
 from simtune.fit.pictures.picture_fit import PictureFit, Pictures, exposed, fit_pictures
 from simtune.fit.pictures.response import CameraResponse, step_by_known_colours
 from simtune.fit.pictures.scene import SHOWN, PictureScene, PixelSlopes
+from simtune.parameters import ParameterSpace
 from simtune.recordings import decode, write_video
+from simtune.sweep.contents import check_options
 from simtune.tasks import load_any_task, load_task, with_known_colours
 from simtune.vision.image_noise import ImageNoise
 from simtune.vision.smoothing import smoothed, with_smooth_chroma
@@ -270,3 +273,19 @@ def test_what_is_known_is_what_a_tuning_file_or_an_option_says(task):
 def test_what_is_no_known_colour(asked, message):
     with pytest.raises(InputError, match=message):
         with_known_colours(load_task("cartpole"), asked)
+
+
+def test_all_that_there_is_to_tune_cannot_be_known(task):
+    colours = ("card_r", "card_g", "card_b", "post_r", "post_g", "post_b")
+    small = replace(task, parameters=ParameterSpace([task.parameters[name] for name in colours]))
+    with pytest.raises(InputError, match="--known-colour post: nothing to tune: all parameters"):
+        with_known_colours(small, "post")
+    assert len(with_known_colours(small, None).known_colours) == 3
+
+
+@pytest.mark.parametrize("search", ["paper", "regression"])
+def test_a_colour_that_a_tuning_file_knows_goes_with_the_posterior_search(tmp_path, task, search):
+    check_options(TuneConfig(task="card", out=tmp_path), task)
+    said = f"known = true, .* of card, goes with --search posterior, got {search}"
+    with pytest.raises(InputError, match=said):
+        check_options(TuneConfig(task="card", out=tmp_path, search=search), task)

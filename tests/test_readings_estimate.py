@@ -66,7 +66,7 @@ def by_fit(
 ) -> ReadingsEstimate:
     found = cast(BestDescent, None)  # is not asked for
     fit = ReadingsResult(estimate, SEEN, is_trusted, is_in_time, found, np.zeros(1))
-    return ReadingsEstimate(fit, joints)
+    return ReadingsEstimate(fit, FIRST, joints)
 
 
 def test_what_readings_identify_is_held_where_they_have_it():
@@ -111,6 +111,50 @@ def test_what_readings_and_videos_contradict_each_other_on_covers_both_and_is_to
     assert by_fit(read, is_trusted=True).combined_with(wide).warnings == []
     # Where readings have no say, they contradict nothing
     assert by_fit(read, is_trusted=False).combined_with(both).low[0] == 2.5
+
+
+def test_an_interval_that_covers_two_far_apart_tells_no_more_than_its_width():
+    """Of the first range, 1/3 to 3, such an interval is nearly all."""
+    read = estimate((0.38, 0.9), (0.42, 1.1), "identified", "identified")
+    both = estimate((2.8, 0.9), (3.0, 1.1), "identified", "identified")
+    mixed = by_fit(read, is_trusted=True).combined_with(both)
+    assert (mixed.low[0], mixed.high[0]) == (0.38, 3.0)
+    assert mixed.verdict == ["not identifiable", "identified"]
+
+
+OF_FILM = "The joint readings alone are explained"
+
+
+@pytest.mark.parametrize(
+    ("unexplained", "is_trusted", "verdict", "is_told"),
+    [
+        ("nothing", True, "identified", False),
+        ("film", True, "identified", True),
+        ("model", True, "weak", False),
+        ("film", False, "weak", False),  # used, since all but loose objects is read
+    ],
+)
+def test_beside_videos_that_nothing_explains_readings_stand_only_if_the_film_may_be_wrong(
+    unexplained, is_trusted, verdict, is_told
+):
+    joints = None if is_trusted else cast(JointMotion, object())
+    both = estimate((1.0, 0.9), (3.0, 1.1), "weak", "weak", warnings=["No setting"])
+    by_readings = by_fit(READ, is_trusted=is_trusted, joints=joints)
+    mixed = by_readings.combined_with(both, unexplained)
+    assert mixed.mean[0] == pytest.approx(READ.mean[0])
+    assert mixed.verdict == [verdict, "weak"]
+    assert mixed.warnings[0] == "No setting"
+    told = [warning for warning in mixed.warnings if warning.startswith(OF_FILM)]
+    assert ["what readings tell of servo stands" in warning for warning in told] == [True] * is_told
+
+
+def test_warnings_of_readings_that_are_used_stay_where_videos_know_every_parameter_better():
+    read = estimate((0.5, 0.5), (2.0, 2.0), "weak", "weak", warnings=["found once"])
+    both = estimate((0.9, 0.9), (1.1, 1.1), "identified", "identified", warnings=["seen"])
+    joints = cast(JointMotion, object())
+    mixed = by_fit(read, is_trusted=False, joints=joints).combined_with(both)
+    assert mixed.mean == pytest.approx(both.mean)
+    assert mixed.warnings == ["found once", "seen"]
 
 
 def test_an_interval_that_is_cut_off_at_a_bound_is_no_narrower_knowledge():

@@ -15,11 +15,11 @@ from simtune.cameras.lens import Lens
 from simtune.cameras.views import View
 from simtune.config import RecordConfig, TrainConfig
 from simtune.errors import InputError
+from simtune.filming import film as recording
+from simtune.filming import record
+from simtune.filming.cameras import _aspect, views_of
+from simtune.filming.checks import check_written
 from simtune.real.recorded import RecordedReal
-from simtune.record import film as recording
-from simtune.record import record
-from simtune.record.cameras import _aspect, views_of
-from simtune.record.checks import check_written
 from simtune.recordings import open_dataset
 from simtune.tasks import Task, load_task
 

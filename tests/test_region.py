@@ -7,8 +7,8 @@ from simtune.cameras.distortion import distort
 from simtune.cameras.views import View
 from simtune.config import RecordConfig
 from simtune.errors import InputError
-from simtune.record import filming_whole
-from simtune.record.cameras import _aspect
+from simtune.filming import filming_whole
+from simtune.filming.cameras import _aspect
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 

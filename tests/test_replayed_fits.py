@@ -333,6 +333,7 @@ def test_what_only_stretches_tell_twice_is_theirs_where_they_leave_but_noise(
     found, _ = whole_fits(fit, readings).fit_until_two_agree(ended, Latency(), Budget())
     assert found.is_whole == is_whole
     assert found.is_sure == is_sure
+    assert not found.lacked_time  # where no two agree, all fits were made
     assert fit.stages[:3] == [8, 8, 8]  # a quarter of a second is no less than eight steps
     assert fit.stages.count(None) == (4 if not is_whole else 2 if is_sure else Horizons().most_fits)
 

@@ -30,7 +30,7 @@ from simtune.report.plot import value_axis
 from simtune.report.rank_plots import expected
 from simtune.report.read_run import read_run
 from simtune.report.trust import Pair, mean_error
-from simtune.report.words import diverging, interval
+from simtune.report.words import diverging
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.files import write_json
 from simtune.run.folder import RunFolder
@@ -302,7 +302,7 @@ def test_report_says_which_intervals_miss_a_known_truth(run_path):
     _edit(run_path / "result.json", miss)
     html, page = _report(run_path)
     assert "8 of 9 intervals hold the truth" in page.text
-    assert "0.0650 outside" in page.text
+    assert "0.065 outside" in page.text
     assert html.count("<b>outside</b>") == 1
     _edit(run_path / "result.json", lambda result: result.update(search="paper"))
     html, page = _report(run_path)  # low and high are no interval's ends
@@ -328,8 +328,48 @@ def test_report_with_known_worlds_shows_how_far_to_trust_intervals(run_path):
     assert "How far to trust this" in page.text
     words = "3 known worlds, filmed and fitted in the same way: 27 of 30 of the 90 % intervals held"
     assert words in page.text
+    assert "too few to judge by" in page.text
     assert html.count("class='bar'") == 10
     assert html.count("class='rank'") == 30
+
+
+def test_five_known_worlds_are_enough_to_say_how_many_intervals_should_hold(run_path):
+    five = {name: [*ranks, 0.4, 0.6] for name, ranks in RANKS.items()}
+    _edit(run_path / "result.json", lambda result: result.update(ranks=five))
+    _, page = _report(run_path)
+    assert "5 known worlds" in page.text
+    assert "47 of 50 of the 90 % intervals held the truth ; 45 should." in page.text
+    assert "too few to judge by" not in page.text
+
+
+@pytest.mark.parametrize(("num_rounds", "is_open"), [(1, False), (2, True)])
+def test_changes_of_ranges_are_folded_after_a_single_round(tmp_path, num_rounds, is_open):
+    html, _ = _report(make_run(tmp_path / "run", num_rounds=num_rounds))
+    assert ("<details open>" in html) == is_open
+
+
+@pytest.mark.parametrize(
+    ("config", "videos", "joints"),
+    [
+        (
+            {"policy_steps": 9, "real": "pseudo"},
+            "Shown is the first of the latest episodes, of 8 in all.",
+            "Only the plots are of the first of the latest episodes;",
+        ),
+        (
+            {"policy_steps": 9, "real": "/recordings"},
+            "Shown is the first of 8 episodes.",
+            "Only the plots are of the first episode;",
+        ),
+    ],
+)
+def test_report_of_a_training_shows_its_latest_episodes(
+    run_path, readings_run, config, videos, joints
+):
+    """It films again with what its policy has learnt, and these come first."""
+    for path, said in ((run_path, videos), (readings_run, joints)):
+        _edit(path / "config.json", lambda stored: stored["config"].update(config))
+        assert said in " ".join(_report(path)[1].text.split())
 
 
 def test_report_says_how_the_kept_back_episode_went(run_path):
@@ -500,7 +540,7 @@ def test_report_says_how_far_off_each_moving_part_is_and_which_ends_farther(run_
     _edit(run_path / "result.json", lambda r: r.update(ranks={}))
     _, page = _report(run_path)
     assert "from where its first pictures look most like the video's" in page.text
-    assert "the fit" not in page.text.partition("How far off what moves is")[2].split("Times")[0]
+    assert "the fit" not in page.text.partition("Error of the moving parts")[2].split("Times")[0]
     write_json(run_path / "replay.json", keypoints | {"keypoints": {"parts": [3]}})
     _edit(run_path / "result.json", lambda r: r.update(moving_parts={"ball": 3, "cup": {}}))
     assert "how far off, before and after" not in _report(run_path)[0]
@@ -552,7 +592,16 @@ def test_report_shows_what_check_said_beside_what_came_out(run_path):
     assert "or this interval is too narrow" in said
     assert "Less than 1" not in page_of_check(run_path, 2)
     _edit(run_path / "result.json", lambda r: r.update(check={"ball_mass": 3}))
-    assert "What could be told" not in _report(run_path)[1].text
+    assert "Expected and actual precision" not in _report(run_path)[1].text
+
+
+def test_what_would_tell_more_is_no_column_where_nothing_is_missing(run_path):
+    assert "What would tell more" in page_of_check(run_path, 3)
+    facts = {"verdict": "identified"}
+    _edit(run_path / "result.json", lambda r: r["parameters"]["ball_mass"].update(facts))
+    _, page = _report(run_path)
+    assert "Expected by check" in page.text
+    assert "What would tell more" not in page.text
 
 
 @pytest.mark.parametrize(
@@ -852,7 +901,7 @@ def test_each_verdict_says_what_to_take(finished_run, tmp_path):
     (path / "result.json").write_text(json.dumps(result))
     words = " ".join(" ".join(_Page(write_report(path).read_text()).words).split())
     assert "4.0 % below and 20 % above the estimate: take the interval" in words
-    assert "0.0200 below and 0.0300 above the estimate: take the estimate" in words
+    assert "0.020 below and 0.030 above the estimate: take the estimate" in words
     assert "these videos do not tell; other actions, or another view, may" in words
     (path / "result.json").write_text(json.dumps(result | {"stopped": TIME_IS_OVER}))
     words = " ".join(" ".join(_Page(write_report(path).read_text()).words).split())
@@ -1099,21 +1148,3 @@ def test_curves_that_diverged_before_tuning_leave_the_others_to_be_seen(readings
     plot = reading_plot(run, "elbow")
     assert plot is not None
     assert -6 < plot.y.low < plot.y.high < 2
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "shown"),
-    [
-        (0.69961, 0.7003, "[0.6996, 0.7003]"),  # three digits would be the same
-        (0.0645, 0.0656, "[0.0645, 0.0656]"),
-        (0.999841, 1.0, "[0.9998, 1.0000]"),
-        (2e-5, 3e-5, "[2.00e-05, 3.00e-05]"),
-        (1.198e-4, 1.202e-4, "[1.198e-04, 1.202e-04]"),
-        (1_234_567.0, 1_234_571.0, "[1.234567e+06, 1.234571e+06]"),
-        (5.0, 5.0, "[5.00, 5.00]"),
-        (-0.5, 0.25, "[-0.500, 0.250]"),
-        (None, 1.0, ""),
-    ],
-)
-def test_ends_of_an_interval_have_digits_enough_to_tell_them_apart(low, high, shown):
-    assert interval({"low": low, "high": high}) == shown

@@ -86,7 +86,7 @@ def test_videos_joints_and_estimates_go_on_their_timelines(run, tmp_path, monkey
 
 def test_without_the_package_a_line_says_what_to_install(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match=r"pip install 'simtune\[rerun\]'"):
+    with pytest.raises(InputError, match=r"pip install rerun-sdk$"):
         write_rerun(run, tmp_path / "run.rrd")
     with pytest.raises(InputError, match="no such folder"):
         write_rerun(tmp_path / "none", tmp_path / "run.rrd")

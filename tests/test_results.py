@@ -107,6 +107,21 @@ def test_a_group_stands_in_place_of_its_values_and_shared_words_are_told_once():
     assert fill("{v}", {"v": {"a": "weak", "b": "no"}}) == "a weak, b no"
 
 
+def test_where_rows_come_from_is_told_in_short():
+    def row(i: int, date: str | None) -> dict:
+        where = {"commit": f"{i}, a", "hardware": f"machine {i}"}
+        return {"command": "run", "date": date} | where
+
+    rows = [row(i, date) for i, date in enumerate(["2026-11-25", "2026-11-23", None, "2026-11-24"])]
+    assert MADE["origin"]("claim", rows[:1]) == (
+        "Measured by `run`; 2026-11-25; commit 0, a; machine 0; [claim.json](results/claim.json)."
+    )
+    assert MADE["origin"]("claim", rows) == (
+        "Measured by `run`; 2026-11-23 to 2026-11-25; commit 0, a, 1 and 2 more; "
+        "machine 0 / machine 1 / machine 2 and 1 more; [claim.json](results/claim.json)."
+    )
+
+
 def test_a_benchmark_replaces_its_row_and_keeps_the_others(common, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(ROOT / "benchmarks" / "memory.py"), "--task", "walker"])
     path = tmp_path / "claim.json"

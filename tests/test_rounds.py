@@ -22,7 +22,7 @@ from simtune.tuning.estimate import Estimate
 from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.fitting import Fitted, Fitting
 from simtune.tuning.judging import Judging
-from simtune.tuning.pace import Pace, Work, smallest
+from simtune.tuning.pace import Pace, RoundTimes, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import read_curves
@@ -90,6 +90,46 @@ def test_rounds_that_no_known_world_judged_end_no_search():
         assert rounds.stop_reason == ""  # nothing to compare with
         rounds.end(np.array([0.23]))
         assert rounds.stop_reason == "another round would tell hardly more"
+
+
+def test_rounds_that_lacked_time_end_no_search_however_many_they_are():
+    """A single known world, or no fit of readings: "the same command with a larger budget"."""
+    rounds = Rounds(2, 0.01)
+    for width in (0.005, 0.005, 0.005):
+        rounds.end(np.array([width]), lacked_time=True)
+    assert (rounds.stop_reason, rounds.num_done) == ("", 3)
+    rounds.end(np.array([0.005]))
+    assert rounds.stop_reason == "every parameter is known to 1 %"
+
+
+@pytest.mark.parametrize(
+    ("num_known", "num_diverged", "is_endless", "lacks"),
+    [
+        (0, 0, False, True),
+        (1, 0, False, True),
+        (2, 0, False, False),
+        (0, 2, False, False),  # more would diverge as well
+        (1, 0, True, False),
+    ],
+)
+def test_a_search_with_a_single_known_world_goes_on_with_a_larger_budget(
+    monkeypatch, simulator, first_round, tiny, num_known, num_diverged, is_endless, lacks
+):
+    real, learned, judged = first_round
+    refits = replace(
+        judged.rounds.refits,
+        misfits=judged.rounds.refits.misfits[:1] * num_known,
+        num_diverged=num_diverged,
+    )
+    rounds = replace(judged.rounds, refits=refits)
+    monkeypatch.setattr(PosteriorSearch, "_learn", lambda *_: learned)
+    monkeypatch.setattr(Judging, "judge", lambda *_: judged._replace(rounds=rounds))
+    for for_policy in (False, True):
+        config = replace(tiny, num_rounds=1, precision=1e9, for_policy=for_policy)
+        search = PosteriorSearch(context_of(simulator), config)
+        search._times = RoundTimes(1.0, 2.0, 0.01)
+        search.run_round(real, Budget() if is_endless else Budget(1e6))
+        assert bool(search.stop_reason) != (lacks and not for_policy)
 
 
 @pytest.fixture(scope="module")

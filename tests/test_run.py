@@ -134,6 +134,13 @@ def test_another_configuration_is_refused(path):
     assert read_json(path / "config.json")["config"] == CONFIG
 
 
+def test_another_precision_is_named_as_it_is_typed(path):
+    """config.json has it as a share."""
+    _create(path, precision=0.07).close()
+    with pytest.raises(InputError, match=r"--precision 7%, now 1%: give the same values"):
+        _create(path, precision=0.01)
+
+
 def test_what_has_the_same_content_may_lie_elsewhere(path):
     before = {"task": "tune.toml", "task_content": "4f", "real": "film", "real_parameters": None}
     _create(path, **before, recordings={"dataset_hash": "a1"}).close()
@@ -324,7 +331,7 @@ def test_a_full_disk_keeps_the_former_checkpoint_and_says_the_way_on(path, monke
 
     with _create(path) as run:
         run.save_checkpoint({"a": torch.ones(2)}, {"step": 1})
-        monkeypatch.setattr("simtune.run.checkpoint.save_file", full)
+        monkeypatch.setattr("safetensors.torch.save_file", full)
         words = r"cannot write the checkpoint .*000002: .*No space left.*make room.* goes on"
         with pytest.raises(RuntimeError, match=words):
             run.save_checkpoint({"a": torch.ones(2)}, {"step": 2})

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simtune.budget import Budget
 from simtune.checking import sensitive_starts
 from simtune.checking.check import check
 from simtune.config import CheckConfig
@@ -12,7 +13,7 @@ from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.growth import follow, growth
 from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.segments import Segments
-from simtune.fit.readings.sensitivity import ReplayedReadings
+from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.real.observed import observed
 from simtune.tasks import Task, load_task
 
@@ -63,6 +64,25 @@ def test_an_error_of_a_start_grows_as_the_equation_of_motion_says(tmp_path, heig
     replayed = ReplayedReadings(simulator, seen, task.parameters.nominal, still)
     growth = replayed.changes(task.parameters.nominal[None], np.array([1e-3])).growth
     np.testing.assert_allclose(growth, grows(RATE * steps * 0.05), rtol=0.02)
+
+
+def test_parts_that_there_is_no_time_for_are_assumed_to_tell_as_much(tmp_path):
+    task, still = pole(tmp_path, -1.0, 20), np.zeros((2, 20, 1))
+    simulator, seen = task.simulator(image_size=16), observed(task, None, is_simulated=True)
+    nominal, given = (
+        task.parameters.nominal,
+        (1.2 * task.parameters.nominal[None], np.array([1e-3])),
+    )
+    readings = Readings(still, np.full((2, 21, 1), 0.3))
+
+    def found(budget: Budget | None) -> ReadingChanges:
+        replays = ReplayedReadings(simulator, seen, nominal, still, readings, 0, budget)
+        return replays.changes(*given)
+
+    whole, few = found(None), found(Budget(1e-9))
+    assert whole.left_out == ()
+    assert few.left_out[-1].startswith("there was time to ask 1 of 2 parts of episodes")
+    np.testing.assert_allclose(few.information, whole.information, rtol=0.05)
 
 
 @pytest.mark.filterwarnings("error")
@@ -140,7 +160,7 @@ def test_few_of_many_episodes_are_named():
 def test_what_is_unstable_open_loop_is_told_and_no_contact_where_nothing_touches():
     growth, names = np.array([17.0]), ["a"]
     (unknown,) = sensitive_starts.warnings(growth, names)
-    assert "(a contact, a fall, or what only a controller holds up" in unknown
+    assert "(a contact, a fall, what swings freely, such as a load on a cable, or what" in unknown
     (nothing,) = sensitive_starts.warnings(growth, names, [])
     assert "contact" not in nothing
     assert "it is unstable open loop" in nothing

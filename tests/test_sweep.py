@@ -26,12 +26,14 @@ from sweep_driver import STAND_IN, drive_quietly
 from simtune.config import SweepConfig
 from simtune.errors import InputError
 from simtune.experiment import outcome
+from simtune.experiment.enough_time import refuse_if_too_short
 from simtune.parameters.values_file import read_parameters
 from simtune.real.truth import Truth
 from simtune.recordings import dataset, open_dataset
 from simtune.run.files import write_json
 from simtune.sweep import dry_run, sweep
 from simtune.sweep.asked import AskedRun
+from simtune.sweep.attempt import _LONGEST_REASON, _TOO_SHORT
 from simtune.sweep.board import Board
 from simtune.sweep.estimate import Expectation, seconds_left
 from simtune.sweep.grid import read_grid
@@ -40,6 +42,7 @@ from simtune.sweep.pilot import Pilot, Pilots
 from simtune.sweep.standing import Places, Standing
 from simtune.sweep.sweep import open_sweep
 from simtune.tasks import load_task
+from simtune.tuning.search import TimeNeeded
 
 GRID = """
 [options]
@@ -127,6 +130,19 @@ def test_files_are_found_beside_the_grid(tmp_path):
     (run,) = runs_of(tmp_path, text)
     assert str(tmp_path / "truth.json") in run.arguments(Path("x"))
     assert run.asked["real_parameters"] == "truth.json"  # the folder may move
+
+
+def test_a_users_home_is_found(tmp_path, monkeypatch):
+    home = tmp_path / "home"
+    home.mkdir()
+    (home / "truth.json").write_text("{}")
+    example = Path(__file__).parents[1] / "examples" / "cart_pendulum"
+    shutil.copytree(example, home / "cart", ignore=shutil.ignore_patterns("recordings"))
+    monkeypatch.setenv("HOME", str(home))
+    text = '[[runs]]\ncommand = "tune"\ntask = "~/cart/tune.toml"\nreal_parameters = "~/truth.json"'
+    (run,) = runs_of(tmp_path, text)
+    assert {str(home / "truth.json"), str(home / "cart/tune.toml")} < set(run.arguments(Path("x")))
+    assert run.name == "cart-tune-s0"
 
 
 def test_whatever_is_varied_has_a_name_of_its_own(tmp_path):
@@ -406,6 +422,39 @@ def test_a_run_that_finds_its_input_unusable_is_tried_once(beside):
     assert standing.reason == "exit status 2: simtune: no such recordings"
     sweep(replace(config, retries=3), STAND_IN)
     assert len(begun(beside)) == 2
+
+
+def test_minutes_that_are_too_short_on_a_busy_machine_are_tried_again(beside):
+    config = SweepConfig(grid=grid(beside, [1016]), out=beside / "out", retries=2)
+    (standing,) = sweep(config, STAND_IN).values()
+    assert (standing.status, standing.failures, len(begun(beside))) == ("failed", 3, 3)
+    (beside / "idle").touch()
+    (standing,) = sweep(replace(config, retries=3), STAND_IN).values()
+    assert (standing.status, len(begun(beside))) == ("done", 4)
+
+
+def test_a_run_that_has_not_begun_may_get_more_minutes(beside):
+    config = SweepConfig(grid=grid(beside, [1016]), out=beside / "out", retries=0)
+    (standing,) = sweep(config, STAND_IN).values()
+    assert (standing.status, standing.failures) == ("failed", 1)
+    more = GRID.replace("budget_minutes = 2", "budget_minutes = 3")
+    places = Places(config.out, "cartpole-tune-s1016")
+    lease = Lease.take(places.lease)
+    assert lease
+    grid(beside, [1016], more)
+    with pytest.raises(InputError, match="s1016 of another budget_minutes"):
+        sweep(config, STAND_IN)  # a process has it
+    lease.close()
+    (standing,) = sweep(config, STAND_IN).values()
+    assert (standing.status, standing.failures) == ("done", 0)
+    assert entries(config.out)["cartpole-tune-s1016"]["asked"]["budget_minutes"] == 3
+
+
+@pytest.mark.parametrize("whole_s", [0.0, 300.0])
+def test_a_sweep_knows_the_words_that_refuse_a_time_too_short(whole_s):
+    with pytest.raises(InputError) as error:
+        refuse_if_too_short(0.5, 100.0, TimeNeeded(whole_s / 5, whole_s))
+    assert _TOO_SHORT.search(str(error.value)[:_LONGEST_REASON])
 
 
 def test_runs_of_another_grid_in_the_same_folder_stay_listed(beside):

@@ -26,7 +26,12 @@ from simtune.agents.drqv2 import DrqV2, DrqV2Config
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig, TuneConfig
 from simtune.errors import InputError
-from simtune.evaluation.evaluate import _check_unchanged, evaluate, load_trained
+from simtune.evaluation.evaluate import (
+    _check_unchanged,
+    _what_would_make_one,
+    evaluate,
+    load_trained,
+)
 from simtune.experiment.rollout import PolicyWorlds
 from simtune.experiment.run import Run
 from simtune.experiment.schedule import Schedule, fast, paper
@@ -486,6 +491,14 @@ def test_a_training_of_an_earlier_version_is_refused_in_one_line():
     experiment = SimpleNamespace(config=SimpleNamespace(out=Path("runs/old")))
     with pytest.raises(InputError, match="runs/old holds a training of an earlier version of"):
         TrainingExperiment.load_agent(experiment, {}, {"agent": {}})
+
+
+def test_a_run_without_a_policy_is_told_to_go_on_only_if_it_is_not_finished(tmp_path):
+    assert "the same command goes on" in _what_would_make_one(tmp_path)
+    (tmp_path / "result.json").touch()
+    said = _what_would_make_one(tmp_path)
+    assert "go on" not in said
+    assert "train anew with more --policy-steps" in said
 
 
 @pytest.mark.thorough

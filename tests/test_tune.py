@@ -20,7 +20,7 @@ from simtune.before_after import start_search, videos
 from simtune.before_after.start_search import StartSearchConfig
 from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
-from simtune.experiment import enough_time, outcome
+from simtune.experiment import enough_time, outcome, recording_checks
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.search_settings import choose_search_settings
 from simtune.observation import ObservationModel
@@ -59,7 +59,7 @@ def config_of(out: Path, **changes) -> TuneConfig:
 @pytest.fixture
 def no_check(monkeypatch):
     """Runs do not say what check would, as `finished` and `one_round` do: it takes a second."""
-    monkeypatch.setattr(tuning_run, "_CHECK_SHARE", 0.0)
+    monkeypatch.setattr(recording_checks, "_CHECK_SHARE", 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -340,7 +340,7 @@ def test_a_run_whose_time_is_over_ends_after_one_round_and_goes_on_with_more(
     assert len(rounds_of(out)) == 1
     assert again["parameters"] == first["parameters"]
     with monkeypatch.context() as patch:  # what is left is less than the last sitting's round took
-        patch.setattr(tuning_run, "_WORTHWHILE", 1e12)
+        patch.setattr(tuning_run, "WORTHWHILE", 1e12)
         tune(config_of(out, budget_minutes=1e3), settings=quick)
     assert len(rounds_of(out)) == 1
     with pytest.raises(KeyboardInterrupt):
@@ -402,6 +402,30 @@ def test_a_time_too_short_for_the_smallest_round_is_refused_with_one_that_is_not
         assert "a round takes about 300 s here" in caplog.text
         for budget, note in said.items():
             assert (note in caplog.text) == (budget == minutes)
+
+
+@pytest.mark.parametrize(
+    ("least_s", "whole_s", "first_s", "answer", "verdicts"),
+    [
+        (100.0, 300.0, 0.0, "3.7", 6),
+        (100.0, 300.0, 60.0, "4.7", 7),
+        (100.0, 300.0, 1e4, "7.4", 11),  # readings take half of all time at most
+    ],
+)
+def test_time_for_verdicts_has_that_for_readings_in_it(
+    caplog, least_s, whole_s, first_s, answer, verdicts
+):
+    needed = TimeNeeded(least_s, whole_s, first_s=first_s)
+    enough = f"verdicts need --budget-minutes {verdicts}, an answer --budget-minutes {answer} or"
+    with pytest.raises(InputError, match=enough):
+        enough_time.refuse_if_too_short(1.0, 20.0, needed)
+    with caplog.at_level("INFO", "simtune"):
+        enough_time.refuse_if_too_short(1.5, 20.0, needed)
+    assert f"nothing can be called identified: {verdicts} are enough" in caplog.text
+    caplog.clear()
+    with caplog.at_level("INFO", "simtune"):
+        enough_time.refuse_if_too_short(verdicts, 20.0, needed)
+    assert "--budget-minutes" not in caplog.text
 
 
 @pytest.mark.parametrize("loading_s", [0, 20])
@@ -612,6 +636,17 @@ def test_starts_are_twice_or_half_the_truth_by_the_seed():
     np.testing.assert_array_equal((starts == doubled).any(0), may_double)
     assert (starts == halved).any(0).all()
     np.testing.assert_array_equal(starts[7], truth.wrong_start(7))
+
+
+def test_what_is_0_or_may_be_negative_starts_away_from_its_truth_as_well():
+    """A tenth of a delay's range and half of an angle's are their sizes: half of these."""
+    each = {"objects": ("joint",), "unit": "s", "scale": "linear"}
+    delay = Parameter(**each, name="delay", field="actuator_delay", nominal=0, low=0, high=0.2)
+    angle = Parameter(**each, name="angle", field="qpos0", nominal=0.02, low=-0.1, high=0.1)
+    space = ParameterSpace([delay, angle])
+    starts = np.array([Truth(space, space.nominal).wrong_start(seed) for seed in range(20)])
+    np.testing.assert_allclose(starts[:, 0], 0.01)
+    assert set(starts[:, 1].round(6)) == {-0.03, 0.07}
 
 
 def test_percent_error_equals_hand_calculation():

@@ -28,6 +28,7 @@ from simtune.evaluation.replay import (
 )
 from simtune.evaluation.table import table
 from simtune.experiment.experiment import Experiment, build_experiment
+from simtune.filming import record
 from simtune.fit import (
     Guess,
     OutputErrorFit,
@@ -42,7 +43,6 @@ from simtune.fit.readings.normal_equations import jackknife, jackknife_std
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
-from simtune.record import record
 from simtune.report.data import RunData
 from simtune.run.files import read_json, write_json
 from simtune.simulation import Simulator
@@ -50,7 +50,7 @@ from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.readings.agreement import BestDescent
 from simtune.tuning.readings.horizons import Latency
-from simtune.tuning.readings.search import ReadingsSearch
+from simtune.tuning.readings.search import ReadingsConfig, ReadingsSearch
 from simtune.tuning.readings.verdict import ReadingsResult, _along_sums, conclude
 from simtune.tuning.readings.warnings import Unmeasured
 from simtune.tuning_run import tune
@@ -585,7 +585,7 @@ def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [
-        ('name = "joints"', "'joints' is what --observe calls all of a kind"),
+        ('name = "joints"', "'joints' is what --observe calls all joints: choose another name"),
         ('joints = "wrist"', "no joint 'wrist' in the model; there are: shoulder, elbow"),
         ('joints = ["elbow", "elbow"]', "joints has elbow twice: name it once"),
         ('name = "left,right"', "--observe could not ask for 'left,right': leave commas out"),
@@ -646,6 +646,7 @@ def fit_of(
     is_sure: bool = True,
     by_timestep: float = 0.0,
     latency: Latency = LATENCY,
+    lacked_time: bool = False,
 ) -> ReadingsResult:
     """From a fit in the middle of all ranges, or at another `unit` coordinate of all."""
     observation = observation or as_recorded(experiment)
@@ -654,9 +655,8 @@ def fit_of(
     facts["shares"] = np.tile(0.5, (len(apart), 2))
     facts |= {"by_timestep": np.full(len(apart), by_timestep), "timestep_s": 0.002}
     judged = cast(OutputErrorFit, SimpleNamespace(**facts))
-    found = cast(
-        BestDescent, SimpleNamespace(apart=apart, is_sure=is_sure, is_whole=True, num_fits=2)
-    )
+    ended = {"apart": apart, "is_sure": is_sure, "is_whole": True, "num_fits": 2}
+    found = cast(BestDescent, SimpleNamespace(**ended, lacked_time=lacked_time))
     first = Distribution.first(experiment.space, experiment.space.nominal)
     return conclude(judged, found, first, observation, latency, 0.05, Unmeasured(unseen))
 
@@ -758,6 +758,30 @@ def test_of_a_delay_that_was_not_looked_for_to_the_end_nothing_is_identified(tru
     assert doubt.startswith("There was no time to look for a longer delay")
 
 
+@pytest.mark.parametrize(
+    ("facts", "std", "precision", "reason"),
+    [
+        ({}, 0.01, 0.01, "another round would tell hardly more"),
+        ({}, 0.01, 10.0, "every parameter is known to 1000 %"),
+        ({}, 0.01, 0.0, "another round would tell hardly more"),  # 0 % asks for all, and this is
+        ({"latency": Latency(1, False)}, 0.01, 10.0, ""),
+        ({"is_sure": False, "lacked_time": True}, 0.01, 10.0, ""),
+        ({"is_sure": False}, 0.01, 10.0, "another round would tell hardly more"),
+    ],
+)
+def test_a_search_of_readings_is_over_only_if_no_time_was_lacking(
+    truth, tmp_path, monkeypatch, facts, std, precision, reason
+):
+    """Its warnings ask for more minutes else, and the same command must be able to use them."""
+    experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
+    fit = fit_of(experiment, std**2 * np.eye(num), np.zeros(num), **facts)
+    monkeypatch.setattr(ReadingsSearch, "fit", lambda *_: fit)
+    search = ReadingsSearch(experiment.context, ReadingsConfig(precision=precision))
+    estimate = search.run_round(experiment.recordings, Budget()).estimate
+    assert search.stop_reason == reason
+    assert any("more minutes" in warning for warning in estimate.warnings) == (not reason)
+
+
 def test_where_a_robot_begins_unseen_no_more_minutes_or_bounds_are_advised(
     truth: Path, tmp_path: Path
 ):
@@ -766,7 +790,10 @@ def test_where_a_robot_begins_unseen_no_more_minutes_or_bounds_are_advised(
     at_bound = {"unit": 1.0, "is_sure": False}
     seen = fit_of(experiment, *fit, **at_bound).estimate.warnings
     assert sum("wider low and high" in warning for warning in seen) == num
-    assert any("or more minutes" in warning for warning in seen)
+    (twice,) = (warning for warning in seen if "ended at no answer twice" in warning)
+    assert "minutes" not in twice, "all fits were made"
+    hurried = fit_of(experiment, *fit, **at_bound, lacked_time=True).estimate.warnings
+    assert any("or more minutes" in warning for warning in hurried)
     first, *others = fit_of(experiment, *fit, unseen=("torso",), **at_bound).estimate.warnings
     assert first.startswith("Where torso begins no sensor measures")
     assert "by a keyframe" in first

@@ -919,6 +919,11 @@ def test_a_delay_is_remembered(load):
             "is 0 there, so a factor changes nothing: give the joints a stiffness in the model",
         ),
         (
+            "name = 'p'\nkind = 'stiffness'\nobjects = ['elbow', 'sled']\nnominal = 1\n",
+            6,
+            "is 0 there, so a factor changes nothing",
+        ),
+        (
             "name = 'p'\nkind = 'damping'\nobjects = ['elbow', 'sled']\n",
             6,
             r"sled has 0 there \(dof_damping\), so a factor does not change it",
@@ -1115,6 +1120,27 @@ def test_meshes_whose_folder_an_included_file_names_are_known(tmp_path):
         (tmp_path / name).write_text(text)
     found = named_files(tmp_path / "tune.toml")
     assert [str(file.relative_to(tmp_path)) for file in found] == list(texts)
+
+
+@pytest.mark.parametrize(
+    ("folder", "named", "file"),
+    [
+        ("..", "a.stl", "a.stl"),
+        ("../2", "a.stl", "2/a.stl"),
+        ("2", "a.stl", "mjcf/2/a.stl"),
+        (".", "o'neil.stl", "mjcf/o'neil.stl"),
+        (".", "a&amp;b.stl", "mjcf/a&b.stl"),
+        (".", "a&#38;b.stl", "mjcf/a&b.stl"),
+    ],
+)
+def test_files_with_unusual_names_are_known(tmp_path, folder, named, file):
+    """meshdir="..", a folder that is a number, an apostrophe, XML's own writing of a letter."""
+    for path in (tmp_path / file, tmp_path / "mjcf/bob's.xml"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f'<compiler meshdir="{folder}"/><mesh file="{named}" pos="0 1e-3 .5"/>')
+    (tmp_path / "mjcf/tune.toml").write_text('model = "bob\'s.xml"')
+    found = [str(f.relative_to(tmp_path)) for f in named_files(tmp_path / "mjcf/tune.toml")]
+    assert found == ["mjcf/tune.toml", "mjcf/bob's.xml", file]
 
 
 def test_a_task_that_was_edited_is_another_one(tmp_path):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simtune.budget import Budget
 from simtune.cameras.views import View
 from simtune.checking import check
 from simtune.checking.film.as_read import AsRead
@@ -288,6 +289,16 @@ def test_a_mirrored_film_is_told_by_actions_and_so_is_the_sign_that_would_do(sce
     found = beside_actions(scene.film()[..., ::-1, :], scene, actions_of(scene))
     assert [framing.says for framing in found.framings] == ["mirrored left to right"]
     assert found.reversed == ["the action px"]
+
+
+@pytest.mark.thorough
+def test_what_there_is_no_time_to_explain_is_said(scene, small_library):
+    frames = np.ascontiguousarray(scene.film()[..., ::-1, :])
+    film = CameraFilm("top", frames, scene.simulator.views[0], True)
+    given = [film], scene.simulator, scene.actions, 0, None, actions_of(scene)
+    (look,) = look_at(*given, Budget(1e-3))
+    assert look.why.odd is None
+    assert any("was not looked for, which would take about" in said for said in look.warnings)
 
 
 @pytest.mark.thorough

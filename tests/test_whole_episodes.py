@@ -79,3 +79,15 @@ def test_what_is_not_read_at_the_start_goes_on_as_it_begins():
     np.testing.assert_allclose(moving_from_the_start(values)[0, :, 0], expected)
     np.testing.assert_array_equal(moving_from_the_start(values)[0, :, 1], 0)
     assert unread_rows(values).tolist() == [2]
+
+
+def test_between_the_readings_of_a_slow_encoder_a_joint_moves_on_a_curve():
+    true = np.sin(0.15 * np.arange(60.0))
+    read = np.full((1, 60, 2), np.nan)
+    read[0, 3::4] = true[3::4, None]
+    read[0, 20:40, 1] = np.nan
+    whole = moving_from_the_start(read)[0]
+    np.testing.assert_allclose(whole[3:, 0], true[3:], atol=5e-3)
+    np.testing.assert_allclose(whole[:3, 0], true[:3], atol=0.03)  # as it begins
+    line = np.interp(np.arange(19, 44), [19, 43], true[[19, 43]])
+    np.testing.assert_allclose(whole[19:44, 1], line)  # a long gap: only that it is bridged

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from simtune.cameras.views import View
+from simtune.filming import filming_whole
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
-from simtune.record import filming_whole
 from simtune.recordings import write_dataset
 from simtune.simulation import OPENGL_DM_CONTROL
 from simtune.tasks import Task

@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING, Any
 
-__all__ = ["Result", "check", "load", "load_task", "train", "tune"]
+__all__ = ["Result", "check", "load", "load_task", "record", "train", "tune"]
 
 if TYPE_CHECKING:
-    from simtune.api import Result, check, load, load_task, train, tune
+    from simtune.api import Result, check, load, load_task, record, train, tune
 
 
 def __getattr__(name: str) -> Any:

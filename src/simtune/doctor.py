@@ -14,13 +14,15 @@ from simtune.names import RendererName
 _FOR_ROBOTS = ("xarm-python-sdk", "pyrealsense2")
 _WORKS = "works"
 _PACKAGES = ("simtune", "mujoco", "mujoco-warp", "torch", "av", "pyarrow", "numpy")
+_PACKAGES += _FOR_ROBOTS
+NAMES = ("python", *_PACKAGES, "cpu", "cuda", *get_args(RendererName))  # of what is told
 
 
 def analyze() -> Iterator[tuple[str, str]]:
     """(what, its state here), one after another: a driver may end the process when tried."""
     python = f"{platform.python_version()} on {platform.platform()}, {os.cpu_count()} cores"
     yield "python", python
-    for package in _PACKAGES + _FOR_ROBOTS:
+    for package in _PACKAGES:
         try:
             yield package, version(package)
         except PackageNotFoundError:

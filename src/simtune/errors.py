@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from simtune.columns import cut
 
 _MOST_NAMED = 60
-_CLOSE = 0.75  # as difflib counts: a slip of the keyboard, not "light" for "weight"
+_MATCH_CUTOFF = 0.75  # as difflib counts: a slip of the keyboard, not "light" for "weight"
 
 
 class InputError(ValueError):
@@ -29,7 +29,7 @@ def _hint(name: str, known: list[str]) -> str:
     close = whole or difflib.get_close_matches(name, known)
     is_sure = len(whole) == 1
     if not whole:
-        is_sure = bool(difflib.get_close_matches(name, known, cutoff=_CLOSE))
+        is_sure = bool(difflib.get_close_matches(name, known, cutoff=_MATCH_CUTOFF))
     meant = f"; did you mean {close[0]!r}?" if close else ""
     return meant if is_sure else f"{meant or ';'} there are: {cut(whole or known, _MOST_NAMED)}"
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from simtune.parameters import ParameterSpace
 
-_OF_ZERO = 0.1
+_ZERO_RANGE_SHARE = 0.1
 _FIRST_FACTOR = 3.0  # up and down from the start
 
 
@@ -20,7 +20,7 @@ def size_of(space: ParameterSpace, mean: np.ndarray, start: np.ndarray | None = 
     whole = space.high - space.low
     is_zero = (space.low == 0) & ((mean if start is None else start) == 0)
     size = np.where(space.low < 0, whole / 2, np.abs(mean))
-    return np.where(is_zero, np.maximum(size, _OF_ZERO * whole), size)
+    return np.where(is_zero, np.maximum(size, _ZERO_RANGE_SHARE * whole), size)
 
 
 @dataclass(frozen=True)

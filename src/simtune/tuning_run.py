@@ -4,11 +4,11 @@ import time
 from typing import Any
 
 from simtune.budget import Budget
-from simtune.checking.expected_precision import expected_precision
-from simtune.checking.mistakes.misread import MOST_S
 from simtune.config import ROBOTS, TuneConfig
 from simtune.experiment.enough_time import refuse_if_too_short, say_if_unfitted
-from simtune.experiment.experiment import Experiment, build_experiment
+from simtune.experiment.experiment import build_experiment
+from simtune.experiment.finished import AT_LEAST_AT_THE_END_S, WORTHWHILE, say_finished
+from simtune.experiment.recording_checks import RecordingChecks
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.progress import ReportProgress, silent, told
@@ -19,11 +19,7 @@ from simtune.tuning.search import Callbacks
 
 # Time for videos and the report: as long as the longer half of the start took, to load libraries or
 # to film, within these bounds. A machine that is slow at first is so at the end.
-_AT_THE_END_S = (6.0, 30.0)
-# Of the budget: in which check may say what to expect, and look for mistakes in readings besides
-_CHECK_SHARE, _MISTAKES_SHARE = 0.06, 0.05
-_WITH_FILMS = 2  # times what check takes else, where it looks at films as well
-_WORTHWHILE = 0.6  # of the last round's time: the next one knows where to search
+_AT_THE_END_S = (AT_LEAST_AT_THE_END_S, 30.0)
 
 
 def tune(
@@ -48,24 +44,23 @@ def tune(
     search, real, minutes = experiment.search, experiment.recordings, config.budget_minutes
     warnings = told(experiment.warnings(real))
     needed = search.measure_time(real)
-    if settings is None and kept_state(config.out) is None:  # nothing is written before
+    kept = kept_state(config.out)
+    if settings is None and kept is None:  # nothing is written before
         refuse_if_too_short(minutes, clock.spent_s, needed)
         say_if_unfitted(search, minutes, clock.spent_s, needed)
-    check_s = _CHECK_SHARE * 60 * minutes
-    may_check, may_look = needed.check_s < check_s, _WITH_FILMS * needed.check_s < check_s
-    warnings += told(experiment.film_warnings() if may_look else [])
-    expected, doubts = _expected_precision(experiment, minutes) if may_check else ({}, [])
-    warnings += told(doubts)
+    checks = RecordingChecks.kept(kept).completed(experiment, minutes, needed)
+    warnings += told(checks.warnings)
     with Run(experiment, report, clock.began_s) as run:
         run.resume()
+        run.to_keep = checks.to_keep()
         run.folder.write_config()
-        if run.num_rounds and search.stop_reason:
-            report("the search is over already; another --out searches anew", 1.0)
         budget = Budget(60 * minutes - clock.ending_s - run.wall_s, report)
+        if run.num_rounds and (search.stop_reason or _is_over(budget, run)):
+            say_finished(config.out, search.stop_reason or TIME_IS_OVER)
         while not run.num_rounds or not (search.stop_reason or _is_over(budget, run)):
             _run_round(run, budget)
         stopped = {"stopped": search.stop_reason or TIME_IS_OVER}
-        return run.finish(real, stopped | expected, warnings, command)
+        return run.finish(real, stopped | checks.in_result, warnings, command)
 
 
 class _Clock:
@@ -102,18 +97,6 @@ def _run_round(run: Run, budget: Budget) -> None:
     run.save()
 
 
-def _expected_precision(experiment: Experiment, minutes: float) -> tuple[dict[str, Any], list[str]]:
-    """What `simtune check` would say of these episodes, for result.json, and its warnings."""
-    if experiment.search_name != "posterior":  # others give no intervals
-        return {}, []
-    simulator, seen = experiment.simulator, experiment.context.observation
-    names = experiment.real.facts.get("names", ())
-    real, seed = experiment.recordings, experiment.config.seed
-    most_s = min(_MISTAKES_SHARE * 60 * minutes, MOST_S)
-    found = expected_precision(simulator, seen, real, seed, names, most_s)
-    return {"check": found.parameters}, found.warnings
-
-
 def _is_over(budget: Budget, run: Run) -> bool:
     """Whether too little time is left for a round to learn more than the last one."""
-    return budget.is_over or budget.seconds_left < _WORTHWHILE * run.round_s
+    return budget.is_over or budget.seconds_left < WORTHWHILE * run.round_s

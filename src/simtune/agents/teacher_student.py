@@ -22,9 +22,9 @@ from simtune.networks.layers import seeded, under
 from simtune.replay import Replay, Transitions, in_parts
 
 # What a teacher learns from, of `Transitions`
-_TAUGHT = ("states", "actions", "rewards", "discounts", "next_states", "parameters")
-_DRAWN_AT_ONCE = 32  # batches
-_LOOKED_AT = 4096  # steps whose mean and standard deviation become 0 and 1 for networks
+_TAUGHT_FIELDS = ("states", "actions", "rewards", "discounts", "next_states", "parameters")
+_DRAWN_BATCHES = 32  # at once
+_STANDARDIZED_STEPS = 4096  # whose mean and standard deviation become 0 and 1 for networks
 
 
 class TeacherStudent:
@@ -112,19 +112,19 @@ class TeacherStudent:
         return {f"loss/{name}": float(loss) for name, loss in losses.items()}
 
     def _train_teacher(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
-        self.teacher.normalized.fit(self._sample(replay, _LOOKED_AT).states)
+        self.teacher.normalized.fit(self._sample(replay, _STANDARDIZED_STEPS).states)
         noise = torch.full((), self.teacher_noise, device=self.device)
         losses = torch.full((2,), torch.nan)
         size = self.config.teacher.batch_size
         num_updates = round(num_steps * self.config.teacher_updates_per_step)
-        for num in in_parts(num_updates, _DRAWN_AT_ONCE):
+        for num in in_parts(num_updates, _DRAWN_BATCHES):
             for batch in self._sample(replay, num * size).split(size):
-                losses = self._teach(*(getattr(batch, name) for name in _TAUGHT), noise)
+                losses = self._teach(*(getattr(batch, name) for name in _TAUGHT_FIELDS), noise)
         return dict(zip(("critic", "actor"), losses, strict=True))
 
     def _update_teacher(self, *tensors: torch.Tensor) -> torch.Tensor:
         *batch, noise = tensors
-        known = Transitions(**dict(zip(_TAUGHT, batch, strict=True)))
+        known = Transitions(**dict(zip(_TAUGHT_FIELDS, batch, strict=True)))
         return self.teacher.update(known, noise, self._generator)
 
     def _train_student(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
@@ -160,9 +160,9 @@ class TeacherStudent:
             stacks = seen[e[:, None], (t[:, None] + replay.stack_offsets).clamp(min=0)]
             return stacks, latest[e, t], best[e, t]
 
-        student.standardize_by(*draw(_LOOKED_AT)[:2])
+        student.standardize_by(*draw(_STANDARDIZED_STEPS)[:2])
         size = self.config.student.batch_size
-        for num in in_parts(round(num_steps * self.config.head_updates_per_step), _DRAWN_AT_ONCE):
+        for num in in_parts(round(num_steps * self.config.head_updates_per_step), _DRAWN_BATCHES):
             drawn = (values.split(size) for values in draw(num * size))
             for stacks, late, wanted in zip(*drawn, strict=True):
                 loss = student.learn_to_act(stacks, late, wanted, progress)

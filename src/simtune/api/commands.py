@@ -1,4 +1,4 @@
-"""`simtune check`, `tune` and `train` as functions.
+"""`simtune check`, `tune`, `train` and `record` as functions.
 
 Each takes the options of its command (docs/commands), with underscores: `--budget-minutes 3` is
 `budget_minutes=3`. Unusable input raises a ValueError with a message of one line; a failure during
@@ -17,16 +17,20 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from simtune.api.arrays import RealLike
-from simtune.api.configs import config_of_check, config_of_run
+from simtune.api.configs import config_of_check, config_of_record, config_of_run
 from simtune.api.declared import declare
-from simtune.api.result import CheckResult, Result
+from simtune.api.on_runs import Values, as_file
+from simtune.api.result import Result
+from simtune.api.shown import Shown
 from simtune.api.spelling import in_python
-from simtune.config import TrainConfig, TuneConfig
+from simtune.config import RecordConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.experiment.finished import finished_result
 from simtune.progress import ProgressBar, ReportProgress, silent
 from simtune.report.read_run import read_finished
 from simtune.run.config import FILMED
 from simtune.tasks import IN_PYTHON, AnyTask, load_any_task, with_model
+from simtune.threads import wait_passively
 
 TaskLike = str | PathLike[str] | Mapping[str, Any] | AnyTask
 
@@ -53,17 +57,18 @@ def check(
     real: RealLike | None = None,
     progress: bool = False,
     **options: Any,
-) -> CheckResult:
+) -> Shown:
     """Check what each parameter changes, how well it can be known, and that recordings are sound.
 
     `real`: recordings, a path or a list of dicts of arrays (docs/recordings.md). Other options:
     docs/commands/check.md. The result is a dict, whose repr is the command's table.
     """
+    wait_passively()
     from simtune.checking import carry_out
 
     with in_python(), _progress(progress) as report, TemporaryDirectory() as folder:
         config = config_of_check(with_model(_known(task)), real, options, Path(folder) / FILMED)
-        return CheckResult(*carry_out(config, report))
+        return Shown(*carry_out(config, report))
 
 
 def tune(
@@ -86,15 +91,17 @@ def tune(
     interrupted run. `budget_minutes`: maximum wall time. `precision`: stop earlier once this is
     reached, such as "1%". Other options: docs/commands/tune.md.
     """
-    from simtune.tuning_run import tune as carry_out
-
     options |= {"out": out, "real_episodes": real_episodes, "seed": seed}
     options |= {"budget_minutes": budget_minutes, "precision": precision}
     with in_python():
         task = _known(task)
         config = config_of_run(TuneConfig, task, real, options)
         with _progress(progress, 60 * budget_minutes) as report:
-            carry_out(config, report, task=task)
+            if finished_result(config, task) is None:
+                wait_passively()
+                from simtune.tuning_run import tune as carry_out
+
+                carry_out(config, report, task=task)
     return load(out)
 
 
@@ -113,10 +120,11 @@ def train(
 
     Arguments as in `tune`. `method`: autotune, regression, dr, untuned or oracle. `policy_steps`:
     simulated steps that the policy learns from, by default the task's, or 500,000 with
-    preset="paper". Other options: docs/commands/train.md. If `real` is "pseudo", `Result.content`
-    has the policy's `return`, and what it reached of the task's goals, such as `success`.
+    preset="paper". Other options: docs/commands/train.md. If `real` is "pseudo", `Result.score`
+    has the policy's return, and what it reached of the task's goals.
     Without a search (dr, untuned), a function `real` films one episode, for the length of a step.
     """
+    wait_passively()
     from simtune.algorithm import train as carry_out
 
     options |= {"out": out, "method": method, "seed": seed, "policy_steps": policy_steps}
@@ -124,6 +132,33 @@ def train(
         task = with_model(_known(task))
         carry_out(config_of_run(TrainConfig, task, real, options), report)
     return load(out)
+
+
+def record(
+    task: TaskLike,
+    *,
+    out: str | PathLike[str],
+    episodes: int = RecordConfig.episodes,
+    parameters: Values = None,
+    policy: str | PathLike[str] = RecordConfig.policy,
+    seed: int = 0,
+    progress: bool = False,
+    **options: Any,
+) -> Path:
+    """Film a simulated world as a LeRobotDataset, in the new folder `out`; returns the folder.
+
+    `parameters` of the world: a JSON file or a dict, {name: value} or a result's `parameters`.
+    `policy`: "random", "scripted", or the folder of a run of `train`. Other options:
+    docs/commands/record.md.
+    """
+    wait_passively()
+    from simtune.filming import record as carry_out
+
+    options |= {"out": out, "episodes": episodes, "seed": seed, "policy": policy}
+    with in_python(), _progress(progress) as report, as_file(parameters) as file:
+        known = with_model(_known(task))
+        config = config_of_record(known, options | {"parameters": file})
+        return carry_out(config, report)
 
 
 def load(run: str | PathLike[str]) -> Result:

@@ -9,16 +9,16 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from simtune.api.arrays import EPISODES, RealLike, Record, film_once, write_arrays
-from simtune.config import CheckConfig, TrainConfig, TuneConfig, check_types
+from simtune.config import CheckConfig, RecordConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.experiment.outcome import asked
 from simtune.run.config import FILMED, check_asked, stored_config
 from simtune.tasks import AnyTask
 
-_Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig)
+_Config = TypeVar("_Config", CheckConfig, TuneConfig, TrainConfig, RecordConfig)
 _RunConfig = TypeVar("_RunConfig", TuneConfig, TrainConfig)
 _NUM_FILMED = 5  # episodes filmed if no number is given
-_PATHS = ("out", "pictures", "camera_pose", "real_parameters", "robot")
+_PATHS = ("out", "pictures", "camera_pose", "real_parameters", "robot", "parameters")
 
 
 def config_of_check(
@@ -28,6 +28,14 @@ def config_of_check(
     is_place = real is None or isinstance(real, str | PathLike)
     config = _config(CheckConfig, task, options | {"real": real if is_place else folder})
     return config if is_place else replace(config, real=_recordings(real, folder, config.episodes))
+
+
+def config_of_record(task: AnyTask, options: dict[str, Any]) -> RecordConfig:
+    """The config of `record`; its policy may be a run's folder."""
+    policy = options["policy"]
+    if isinstance(policy, str | PathLike):
+        options = options | {"policy": expanduser(fspath(policy))}
+    return _config(RecordConfig, task, options)
 
 
 def config_of_run(

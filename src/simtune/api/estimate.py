@@ -34,9 +34,16 @@ class ParameterEstimate:
 class ParameterEstimates(dict[str, ParameterEstimate]):
     """{name: estimate} of a run; the KeyError of another name says what there is."""
 
-    def __init__(self, parameters: Mapping[str, Mapping[str, Any]], run: str):
+    def __init__(self, parameters: Mapping[str, Mapping[str, Any]], run: str, text: str, html: str):
+        """`text` and `html`: the table that shows them."""
         super().__init__({name: ParameterEstimate.read(name, p) for name, p in parameters.items()})
-        self._run = run
+        self._run, self._text, self._html = run, text, html
+
+    def __repr__(self) -> str:
+        return self._text
+
+    def _repr_html_(self) -> str:
+        return self._html
 
     def __missing__(self, name: str) -> ParameterEstimate:
         raise KeyError(str(UnknownName("parameter", name, self._run, self)))

@@ -1,6 +1,6 @@
 """A run's result as an object."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cached_property
 from numbers import Integral
@@ -14,15 +14,18 @@ import numpy as np
 
 from simtune.api import table
 from simtune.api.estimate import ParameterEstimate, ParameterEstimates
+from simtune.api.on_runs import Recordings, Values, compare_runs, evaluate_run
 from simtune.api.plot import plot_curves, plot_estimates, plot_pairs
+from simtune.api.shown import Shown
 from simtune.api.spelling import in_python
-from simtune.config import ExportConfig, check_types
+from simtune.config import EvaluateConfig, ExportConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
 from simtune.names import ExportFormat
 from simtune.report.data import RunData
 from simtune.report.words import interval_label
 from simtune.tasks import with_model
+from simtune.threads import wait_passively
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-not-found]
@@ -31,18 +34,8 @@ if TYPE_CHECKING:
 
     from simtune.api.policy import Policy
 
+GOALS = ("success", "near_success")  # that a policy may reach
 _PLOTTED_DRAWS = 500  # more would only fill the plot
-
-
-class CheckResult(dict[str, Any]):
-    """Result of `simtune.check`: a dict of JSON whose repr is the command's output."""
-
-    def __init__(self, content: Mapping[str, Any], lines: Sequence[str]):
-        super().__init__(content)
-        self._text = "\n".join(lines)
-
-    def __repr__(self) -> str:
-        return self._text
 
 
 class Result:
@@ -74,7 +67,23 @@ class Result:
     @cached_property
     def parameters(self) -> dict[str, ParameterEstimate]:
         """{name: estimate}, in the order of arrays such as `covariance`."""
-        return ParameterEstimates(self._run.parameters, str(self.path))
+        shown = "\n".join(table.lines(self._run)), table.html(self._run)
+        return ParameterEstimates(self._run.parameters, str(self.path), *shown)
+
+    @property
+    def score(self) -> dict[str, Any]:
+        """What the policy of a training reached in its pseudo-real world.
+
+        `mean` and `std` of its return, in `episodes` episodes; the same of each goal that the task
+        has, such as `success`. Raises ValueError for a run without a policy, or whose world cannot
+        be played: `evaluate(parameters=...)` scores a policy in another one.
+        """
+        content = self.content
+        if "return" not in content:
+            why = "its world cannot be played: evaluate(parameters=...) scores it in another one"
+            why = why if "policy_steps" in content else "it has no policy"
+            raise InputError(f"{self.path} has no score: {why}")
+        return content["return"] | {name: content[name] for name in GOALS if name in content}
 
     @property
     def covariance(self) -> np.ndarray:
@@ -133,10 +142,36 @@ class Result:
 
     def policy(self) -> "Policy":
         """The policy of a run of `train`. Raises ValueError if there is none, or files changed."""
+        wait_passively()
         from simtune.api.policy import Policy  # slow to load: it acts by torch
 
         with in_python():
             return Policy(self.path)
+
+    def compare(self, *others: "Result | str | PathLike[str]") -> Shown:
+        """Whether runs agree with this one, as `simtune compare` says: a dict shown as its table.
+
+        `others`: results, or folders of runs. Raises ValueError if they cannot be compared.
+        """
+        folders = [o.path if isinstance(o, Result) else Path(expanduser(o)) for o in others]
+        return compare_runs([self.path, *folders])
+
+    def evaluate(
+        self,
+        *,
+        real: Recordings = None,
+        parameters: Values = None,
+        episodes: int | None = None,
+        seed: int = EvaluateConfig.seed,
+    ) -> dict[str, Any]:
+        """Score the run on other episodes, as `simtune evaluate` does.
+
+        Of `train`: the policy's scores, as in `score`, in its pseudo-real world, or in one with
+        `parameters`: a JSON file or a dict, {name: value} or a result's `parameters`. With `real`,
+        recordings or a list of dicts of arrays: what replays leave of readings before and after
+        tuning, a dict shown as a table. Raises ValueError if the run has nothing to score.
+        """
+        return evaluate_run(self.path, real, parameters, {"episodes": episodes, "seed": seed})
 
     def to_pandas(self) -> "pandas.DataFrame":
         """One row per parameter, indexed by name. Needs pandas."""

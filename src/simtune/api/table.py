@@ -8,6 +8,7 @@ from simtune.columns import aligned
 from simtune.report.data import RunData
 from simtune.report.words import (
     MISSING,
+    as_precise,
     covered,
     interval,
     interval_label,
@@ -61,10 +62,13 @@ def table_rows(
     rows: list[tuple[str, ...]] = [heads]
     for name, p in parameters.items():
         p = {**p, "low": None, "high": None, "interval_share": None} if name in known else p
-        cells = [name, unit(p), number(p["initial"]), number(p["mean"]), interval(p)]
+        interval_of = p if has_intervals else {}
+        mean = as_precise(p["mean"], interval_of)
+        cells = [name, unit(p), number(p["initial"]), mean, interval(p)]
         its_share = p.get("interval_share")
         cells += [covered(its_share) if is_number(its_share) else MISSING] * has_intervals
         cells += ["known" if name in known else str(p.get("verdict"))] * bool(search)
-        cells += [number(p.get("real")), percent(p.get("percent_error"))] * has_truth
+        truth = as_precise(p.get("real"), interval_of)
+        cells += [truth, percent(p.get("percent_error"))] * has_truth
         rows.append(tuple(cells))
     return rows

@@ -12,9 +12,9 @@ from simtune.trajectory import seen_late
 from simtune.vision.detections import Detections
 from simtune.vision.keypoints import Keypoints
 
-_SURE = 0.5  # detection probability below which a keypoint counts as unseen
-_END = 0.1  # share of an episode that is its end
-_ALONG_PX, _LOST = 2.0, 3  # a part is lost when off by more than this, in so many pictures
+_MIN_SEEN_PROBABILITY = 0.5  # of a detection: with less, a keypoint counts as unseen
+_END_SHARE = 0.1  # of an episode
+_MAX_ERROR_PX, _LOST_PICTURES = 2.0, 3  # a part is lost when off by more, in so many pictures
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class MovingParts:
         """
         found = {}
         for part, curves in self.distances().items():
-            last = max(1, round(_END * len(curves["after"])))
+            last = max(1, round(_END_SHARE * len(curves["after"])))
             figures = {
                 f"{figure}{when}": value
                 for when, key in (("_before", "before"), ("", "after"))
@@ -104,7 +104,7 @@ def follow_parts(
     )
     seen = seen_late(played.observed, late_steps)
     before, after = seen.reshape(2, len(actions) + 1, len(keypoints), 2)
-    is_sure = detections.probability[:, 0] >= _SURE
+    is_sure = detections.probability[:, 0] >= _MIN_SEEN_PROBABILITY
     return MovingParts(
         tuple(part_name(model, body) for body in bodies),
         np.where(is_sure[..., None], detections.keypoints, np.nan),
@@ -129,9 +129,9 @@ def _median(distances: np.ndarray) -> float:
 def _along(distances: np.ndarray) -> int | None:
     """Pictures before the one from which on the part is lost, of all. None: never lost.
 
-    It is lost where it is off in `_LOST` pictures one after the other, of those that show it.
+    It is lost where it is off in `_LOST_PICTURES` one after the other, of those that show it.
     """
     known = np.flatnonzero(np.isfinite(distances))
-    off = distances[known] > _ALONG_PX
-    runs = [i for i in range(len(off) - _LOST + 1) if off[i : i + _LOST].all()]
+    off = distances[known] > _MAX_ERROR_PX
+    runs = [i for i in range(len(off) - _LOST_PICTURES + 1) if off[i : i + _LOST_PICTURES].all()]
     return int(known[runs[0]]) if runs else None

@@ -17,7 +17,7 @@ from simtune.trajectory import Trajectory
 
 # Farther from where it begins than this in any unit, and than so many times what readings travel, a
 # replay has diverged: MuJoCo leaves such a world where its physics stopped, at 1e13 or at no number
-_TOO_FAR, _MUCH_FARTHER = 1e4, 100.0
+_DIVERGED_DISTANCE, _DIVERGED_TRAVELS = 1e4, 100.0
 
 
 class TunedReplay(NamedTuple):
@@ -131,7 +131,7 @@ def _diverging(predicted: np.ndarray, values: np.ndarray) -> np.ndarray:
     is_read = np.asarray(np.isfinite(values).any(-1))
     counts = np.logical_or.accumulate(is_read[:, ::-1], 1)[:, ::-1]
     played = np.where(counts[..., None], predicted, predicted[:, :1])
-    far = np.maximum(_TOO_FAR, _MUCH_FARTHER * travel(values).max(0, initial=0))
+    far = np.maximum(_DIVERGED_DISTANCE, _DIVERGED_TRAVELS * travel(values).max(0, initial=0))
     return is_lost(played) | (np.abs(played - played[:, :1]) > far).any((1, 2))
 
 

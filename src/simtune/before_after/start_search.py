@@ -16,9 +16,9 @@ from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.estimate import Estimate
 
 _COMPARED_STEPS = 4  # the first pictures, which also show velocities
-_ELITE = 8
-_AT_ONCE = 32  # starts that are tried between looks at the clock
-_HARDLY = 0.1  # of the pixels that starts usually cover: fewer tell nothing
+_NUM_ELITES = 8
+_STARTS_PER_BATCH = 32  # between looks at the clock
+_MIN_COVERED_SHARE = 0.1  # of the pixels that starts usually cover: fewer tell nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class StartSearchConfig:
     seconds: float = 10.0  # after which no round begins: pictures of meshes take long
 
 
-_USUAL = StartSearchConfig()
+_DEFAULT_CONFIG = StartSearchConfig()
 
 
 class _Tried(NamedTuple):
@@ -50,7 +50,7 @@ class _Tried(NamedTuple):
         What is out of the picture differs in none. If that is so of all, all are equally near.
         """
         shown = self.covered[self.covered > 0]
-        least = _HARDLY * np.median(shown) if len(shown) else 0.0
+        least = _MIN_COVERED_SHARE * np.median(shown) if len(shown) else 0.0
         mean = self.squares / np.maximum(self.covered, 1)
         return np.where(self.covered < least, np.inf, mean)
 
@@ -67,7 +67,7 @@ def episode_and_start(
     trajectory: Trajectory,
     estimate: Estimate,
     seed: int,
-    config: StartSearchConfig = _USUAL,
+    config: StartSearchConfig = _DEFAULT_CONFIG,
 ) -> tuple[Trajectory, np.ndarray]:
     """A real episode with its actions when they took effect, and its initial state (S,).
 
@@ -86,11 +86,11 @@ def find_start(
     trajectory: Trajectory,
     parameters: np.ndarray,
     rng: np.random.Generator,
-    config: StartSearchConfig = _USUAL,
+    config: StartSearchConfig = _DEFAULT_CONFIG,
 ) -> np.ndarray:
     """(S,) state from which the simulator's first pictures are nearest to the real ones."""
     first = trajectory.first(_COMPARED_STEPS)
-    at_once = min(config.num_starts, _AT_ONCE)
+    at_once = min(config.num_starts, _STARTS_PER_BATCH)
     end = time.perf_counter() + config.seconds
     tried = _compare(simulator, first, parameters, rng, at_once)
     while len(tried.starts) < config.num_starts and time.perf_counter() < end - config.seconds / 2:
@@ -106,7 +106,7 @@ def find_start(
     for round_ in range(1, config.rounds):
         if time.perf_counter() > end:
             break
-        tried = tried.nearest(_ELITE)
+        tried = tried.nearest(_NUM_ELITES)
         starts = tried.starts[rng.integers(len(tried.starts), size=num)]
         starts = starts + spread * 0.5**round_ * rng.normal(size=starts.shape)
         tried = tried.joined(_compare(simulator, first, parameters, rng, num, starts))

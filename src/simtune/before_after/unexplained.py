@@ -5,10 +5,10 @@ from scipy.ndimage import binary_dilation, binary_opening
 
 from simtune.normal import MAD_TO_STD
 
-_FAR = 4.0  # noise levels
-_LEAST = 0.06  # of the full scale, that a pixel must differ by
-_SQUARE = np.ones((1, 3, 3), bool)  # what is smaller is an edge that lies a little aside
-_GREY, _MARK = 0.5, np.array([255, 120, 0])
+_MIN_DIFFERENCE_STDS = 4.0  # of noise
+_MIN_DIFFERENCE = 0.06  # of the full scale
+_OPENING = np.ones((1, 3, 3), bool)  # what is smaller is an edge that lies a little aside
+_GREY_DIMMING, _MARK_RGB = 0.5, np.array([255, 120, 0])
 
 
 def unexplained(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:
@@ -19,11 +19,11 @@ def unexplained(real: np.ndarray, simulated: np.ndarray) -> np.ndarray:
     difference = (real.astype(np.float32) - simulated) / 255
     difference -= np.median(difference, (1, 2), keepdims=True)
     size = np.abs(difference).max(-1)
-    limit = max(_FAR * MAD_TO_STD * float(np.median(size)), _LEAST)
-    return binary_dilation(binary_opening(size > limit, _SQUARE), _SQUARE)
+    limit = max(_MIN_DIFFERENCE_STDS * MAD_TO_STD * float(np.median(size)), _MIN_DIFFERENCE)
+    return binary_dilation(binary_opening(size > limit, _OPENING), _OPENING)
 
 
 def marked(real: np.ndarray, where: np.ndarray) -> np.ndarray:
     """The film (T, H, W, 3) in dark grey, and orange `where`, (T, H, W) bool."""
-    grey = np.repeat(_GREY * real.mean(-1, keepdims=True), 3, -1)
-    return np.where(where[..., None], (grey + _MARK) / 1.5, grey).clip(0, 255).astype(np.uint8)
+    grey = np.repeat(_GREY_DIMMING * real.mean(-1, keepdims=True), 3, -1)
+    return np.where(where[..., None], (grey + _MARK_RGB) / 1.5, grey).clip(0, 255).astype(np.uint8)

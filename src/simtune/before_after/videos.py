@@ -10,7 +10,7 @@ from simtune.recordings import write_video
 from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
 
-_WORTH_A_LOOK = 0.002  # share of pixels that are not explained
+_MIN_UNEXPLAINED_SHARE = 0.002  # of pixels, from which a video is written
 
 
 def write_videos(
@@ -35,7 +35,7 @@ def write_videos(
     filmed = trajectory.frames[: len(after)]
     where = unexplained(filmed, after)
     (folder / "unexplained.mp4").unlink(missing_ok=True)  # of an earlier round
-    if where.mean() > _WORTH_A_LOOK:
+    if where.mean() > _MIN_UNEXPLAINED_SHARE:
         write_video(folder / "unexplained.mp4", marked(filmed, where), fps)
 
 

@@ -11,9 +11,9 @@ from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
 from simtune.cameras.lens import Lens
 
-_MOST_AT_CORNER = 0.3  # |k1| r² there: straight lines bent by more are no lens's, or folded
-_STEP = 1e-5  # of a direction, or a unit coordinate, for derivatives
-_POSE = 6  # parameters before the field of view, if it is tuned, and k1
+_MAX_CORNER_BEND = 0.3  # |k1| r² there: straight lines bent by more are no lens's, or folded
+_DELTA = 1e-5  # of a direction, or a unit coordinate, for derivatives
+_NUM_POSE = 6  # parameters before the field of view, if it is tuned, and k1
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class BentGeometry:
         """Of |k1|."""
         height, width = self.pinhole.size
         corner = np.hypot(height, width) / 2 / self._focal_px(np.full(len(self.pinhole.space), 0.5))
-        return _MOST_AT_CORNER / float(corner) ** 2
+        return _MAX_CORNER_BEND / float(corner) ** 2
 
     def k1(self, unit: np.ndarray) -> float:
         """At (P + 1,) unit coordinates."""
@@ -53,12 +53,14 @@ class BentGeometry:
         pixels = self.pinhole.project(unit[:-1], points)
         by_unit = self.stretch(unit, pixels) @ self.pinhole.derivatives(unit[:-1], points)
         # A field of view also changes how far from the axis a pixel is, as k1 has it.
-        others = [self._derivative(unit, points, i) for i in range(_POSE, len(unit))]
-        return np.concatenate([by_unit[..., :_POSE], *(its[..., None] for its in others)], 2)
+        others = [self._derivative(unit, points, i) for i in range(_NUM_POSE, len(unit))]
+        return np.concatenate([by_unit[..., :_NUM_POSE], *(its[..., None] for its in others)], 2)
 
     def _derivative(self, unit: np.ndarray, points: np.ndarray, index: int) -> np.ndarray:
-        step = _STEP * np.eye(len(unit))[index]
-        return (self.project(unit + step, points) - self.project(unit - step, points)) / (2 * _STEP)
+        step = _DELTA * np.eye(len(unit))[index]
+        return (self.project(unit + step, points) - self.project(unit - step, points)) / (
+            2 * _DELTA
+        )
 
     def stretch(self, unit: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         """(n, 2, 2) derivatives of `bend` by each of (n, 2) pixels."""
@@ -66,8 +68,8 @@ class BentGeometry:
         return np.stack(
             [
                 (self.lens.bent(directions + step, k1) - self.lens.bent(directions - step, k1))
-                / (2 * _STEP)
-                for step in _STEP * np.eye(2)
+                / (2 * _DELTA)
+                for step in _DELTA * np.eye(2)
             ],
             -1,
         )

@@ -7,9 +7,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from simtune.camera_pose.robot import Outlines
 
-_SLOPE_PX = 1.0  # scale of the derivative filter
-_STANDS_STILL = 0.02  # weight of an edge that is also in the picture without the robot
-_CLEAR = 0.06  # of the full scale per pixel: least contrast of an edge
+_SIGMA_PX = 1.0  # of the derivative filter
+_STATIC_EDGE_WEIGHT = 0.02  # of an edge that is also in the picture without the robot
+_MIN_EDGE_CONTRAST = 0.06  # of the full scale per pixel
 
 
 class Across(NamedTuple):
@@ -38,7 +38,7 @@ class Film:
     def moving(self) -> np.ndarray:
         """(M, H, W) bool: on clear edges of moving things."""
         squared = np.min([tensor[..., 0] + tensor[..., 2] for tensor in self._tensors], 0)
-        return squared > _CLEAR**2
+        return squared > _MIN_EDGE_CONTRAST**2
 
     def across(self, outlines: Outlines, pixels: np.ndarray, steps: np.ndarray) -> Across:
         """On lines through N points of outlines, now at (N, 2) pixels, (S,) `steps` along normals.
@@ -57,7 +57,7 @@ class Film:
         squared, match = found[0]
         if len(found) > 1:
             match = np.where(found[1][0] < squared, found[1][1], match)
-            still = np.maximum(outlines.still, _STANDS_STILL)[:, None]
+            still = np.maximum(outlines.still, _STATIC_EDGE_WEIGHT)[:, None]
             squared = np.minimum(squared, found[1][0]) + still * squared
         return Across(np.sqrt(squared * inside), match)
 
@@ -66,7 +66,7 @@ def _slopes(pictures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(M, H, W, 3) each: to the right, and down."""
     shades = pictures.astype(np.float32) / 255
     right, down = (
-        gaussian_filter1d(gaussian_filter1d(shades, _SLOPE_PX, 3 - axis), _SLOPE_PX, axis, order=1)
+        gaussian_filter1d(gaussian_filter1d(shades, _SIGMA_PX, 3 - axis), _SIGMA_PX, axis, order=1)
         for axis in (2, 1)
     )
     return right, down

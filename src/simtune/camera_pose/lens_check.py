@@ -13,14 +13,14 @@ from simtune.camera_pose.sureness import HALF_WIDTH, covariance, is_by_chance
 from simtune.camera_pose.tracking import Fit, Tracker
 from simtune.cameras.lens import Lens
 
-_OFF_PX = (2.0, 2.0, 1.5, 1.0, 1.0, 1.0)  # schedule from the camera without such a lens
+_OFFSET_SCHEDULE_PX = (2.0, 2.0, 1.5, 1.0, 1.0, 1.0)  # from the camera without such a lens
 # Of k1's standard deviation, which is rather large: k1 was up to 1.4 of them in films through the
 # declared lens, also of robots whose readings were 2° off, 2.0 with a field of view 5 % too narrow;
 # 1.9 to 3.8 through others with |k1| of 0.08, and at least 2.2 from 0.1 on.
-_CLEAR = 2.0
-_SLIGHT = 0.07  # of the largest k1: 2 % at the picture's corner
-_STILL = 0.95  # of the outlines on edges in excess of chance, that have to be so with the lens
-_USUAL, _CALIBRATED = 0.1, 0.02  # standard deviations of k1 that is not declared, or declared
+_CLEAR_K1_STDS = 2.0
+_MIN_K1_SHARE = 0.07  # of the largest k1: 2 % at the picture's corner
+_MIN_KEPT_SHARE = 0.95  # of the outlines on edges beyond chance, with the lens as well
+_UNDECLARED_K1_STD, _DECLARED_K1_STD = 0.1, 0.02
 
 
 def with_lens(
@@ -34,13 +34,13 @@ def with_lens(
         return found
     geometry = BentGeometry.of(pinhole, lens)
     bent = tracker.before(BentRobot(robot, geometry), geometry)
-    fit = bent.fit(np.append(found.fit.unit, 0.5), _OFF_PX)
+    fit = bent.fit(np.append(found.fit.unit, 0.5), _OFFSET_SCHEDULE_PX)
     if fit is None:
         return found
     bend = _bend(fit, geometry, lens)
-    if abs(bend.k1) > max(_CLEAR * bend.k1_std, _SLIGHT * geometry.largest):
+    if abs(bend.k1) > max(_CLEAR_K1_STDS * bend.k1_std, _MIN_K1_SHARE * geometry.largest):
         agreement = bent.agreement(fit.unit)
-        if agreement.beyond_chance > _STILL * found.agreement.beyond_chance:
+        if agreement.beyond_chance > _MIN_KEPT_SHARE * found.agreement.beyond_chance:
             ends = np.append(found.ends, fit.unit[None, :-1], 0)
             return Found(bend.camera, agreement, ends, bend, is_bent=True)
     # As far towards the other camera as a usual lens would have it.
@@ -52,7 +52,7 @@ def with_lens(
 def _bend(fit: Fit, geometry: BentGeometry, lens: Lens | None) -> Bend:
     span = 2 * geometry.largest
     std = span * float(np.sqrt(covariance(fit)[-1, -1]))
-    usual = _CALIBRATED if lens and lens.is_calibrated else _USUAL
+    usual = _DECLARED_K1_STD if lens and lens.is_calibrated else _UNDECLARED_K1_STD
     return Bend(fit, geometry.k1(fit.unit), std, span, usual)
 
 

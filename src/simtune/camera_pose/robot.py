@@ -12,11 +12,11 @@ from simtune.errors import InputError
 from simtune.simulation.rendering.depths import Depths
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH.value
-_EACH = 4  # points of a geom
-_ELSEWHERE_M = 1e4  # position of geoms to be hidden
-_STEP = 0.04  # relative step of distance that makes an outline
-_SMOOTH_PX = 1.2  # smoothing for an outline's direction
-_SAME_PX = 3  # side of the square that counts as the same place
+_POINTS_PER_GEOM = 4
+_HIDDEN_POSITION_M = 1e4  # of geoms that are not to be seen
+_OUTLINE_DEPTH_STEP = 0.04  # relative, that makes an outline
+_SIGMA_PX = 1.2  # for an outline's direction
+_SAME_PLACE_PX = 3  # side of the square that counts as the same place
 _MARGIN_PX = 2.0  # of the picture, where outlines are cut off
 
 
@@ -96,8 +96,8 @@ class Robot:
         places, turns, body_places, body_turns = (
             np.stack(its) for its in zip(*(self._poses[k] for k in [*which, which[0]]), strict=True)
         )
-        places[:-1, ~self._moves] = places[-1:, self._moves] = _ELSEWHERE_M
-        places[:, self._hidden] = _ELSEWHERE_M
+        places[:-1, ~self._moves] = places[-1:, self._moves] = _HIDDEN_POSITION_M
+        places[:, self._hidden] = _HIDDEN_POSITION_M
         geoms, depths = drawing.draw(
             places,
             turns,
@@ -123,7 +123,7 @@ def _smaller(size: tuple[int, int], by: int) -> tuple[int, int]:
 
 def _uphill(pictures: np.ndarray) -> np.ndarray:
     """(M, H, W, 2) to the right, and down."""
-    smooth = gaussian_filter(pictures.astype(np.float32), (0, _SMOOTH_PX, _SMOOTH_PX))
+    smooth = gaussian_filter(pictures.astype(np.float32), (0, _SIGMA_PX, _SIGMA_PX))
     return np.stack([np.gradient(smooth, axis=axis) for axis in (2, 1)], -1)
 
 
@@ -136,7 +136,7 @@ def _steps(
     one, other = near[first], near[second]
     nearer = np.maximum(one, other)
     ends = np.where(one > other, parts[first], parts[second]) >= 0
-    ends &= np.abs(one - other) > _STEP * nearer
+    ends &= np.abs(one - other) > _OUTLINE_DEPTH_STEP * nearer
     seams = (parts[first] >= 0) & (parts[second] >= 0) & (parts[first] != parts[second]) & ~ends
     frame, row, column = at = np.nonzero(ends | seams)
     places = np.stack([column, row], 1) + 0.5 * np.array([axis == 2, axis == 1])
@@ -149,7 +149,7 @@ def _standing(frames: np.ndarray, pixels: np.ndarray, shape: tuple[int, ...]) ->
     there = np.zeros(shape, np.uint8)
     column, row = pixels.astype(int).T
     there[frames, row, column] = 1
-    often = maximum_filter(there, (1, _SAME_PX, _SAME_PX)).sum(0)
+    often = maximum_filter(there, (1, _SAME_PLACE_PX, _SAME_PLACE_PX)).sum(0)
     return (often[row, column] - 1) / max(1, shape[0] - 1)
 
 
@@ -158,6 +158,6 @@ def _surface(model: mujoco.MjModel, geom: int, rng: np.random.Generator) -> np.n
     mesh = model.geom_dataid[geom] if model.geom_type[geom] == _MESH else -1
     if mesh >= 0:
         first, num = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
-        return model.mesh_vert[first + rng.integers(num, size=_EACH)]
+        return model.mesh_vert[first + rng.integers(num, size=_POINTS_PER_GEOM)]
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-    return middle + half * rng.uniform(-0.9, 0.9, (_EACH, 3))
+    return middle + half * rng.uniform(-0.9, 0.9, (_POINTS_PER_GEOM, 3))

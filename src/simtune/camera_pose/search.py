@@ -20,17 +20,17 @@ from simtune.cameras.pictures import resize
 from simtune.errors import InputError
 from simtune.random_streams import Purpose, stream
 
-_STARTS, _FEWEST_STARTS = 3, 2  # the given camera, and by silhouettes; the latter if time is short
-_STARTING = 0.5  # of the time, within which more starts are tried if no end is sure
-_SURE = 0.4  # share of outlines on edges in excess of chance
-_BESIDE = 0.05  # of the range
-_KEPT = 2  # ends that are refined
-_FITS = _KEPT + 1  # fine ones, the last with a lens
-_AS_GOOD = 0.8  # of the best score: such an end may be right, too
-_SILHOUETTES, _SMALL_PX = 12, 64  # frames for the silhouettes, and their height
+_NUM_STARTS, _MIN_STARTS = 3, 2  # the given camera, and by silhouettes; the latter if time is short
+_STARTS_TIME_SHARE = 0.5  # within which more starts are tried if no end is sure
+_SURE_BEYOND_CHANCE = 0.4  # share of outlines on edges in excess of chance
+_SIDESTEP_STD = 0.05  # of the range
+_REFINED_ENDS = 2
+_NUM_FINE_FITS = _REFINED_ENDS + 1  # the last with a lens
+_RIVAL_SCORE_RATIO = 0.8  # to the best score: such an end may be right, too
+_SILHOUETTE_FRAMES, _SILHOUETTE_HEIGHT_PX = 12, 64
 _ROUGH_PICTURES, _FEWEST_PICTURES, _MOST_PICTURES = 16, 8, 48
-_TIMED = 4  # pictures
-_SHARE = 0.7  # of the time left, for fine fits
+_TIMED_PICTURES = 4
+_FINE_TIME_SHARE = 0.7  # of the time left
 
 Judged = tuple[Agreement, Fit]
 
@@ -66,7 +66,7 @@ class CameraSearch:
             )
         tracker = self._tracker(self._choose(kept[-1][1].unit, budget.seconds_left))
         for number, (_, fit) in enumerate(kept):
-            budget.report("laying the robot on the film", 0.7 + 0.3 * number / _KEPT)
+            budget.report("laying the robot on the film", 0.7 + 0.3 * number / _REFINED_ENDS)
             fine += _judged(tracker, fit.unit, FINE)
         fine = fine or kept
         return with_lens(best_of(fine), tracker, self._robot, self._geometry, self._lens)
@@ -78,16 +78,16 @@ class CameraSearch:
         tries = self._tries(ends, self._silhouettes())
         rough = self._tracker(self._spread(_ROUGH_PICTURES))
         for number in itertools.count():
-            is_over = number >= _FEWEST_STARTS and budget.spent > _STARTING
-            if is_over or (number >= _STARTS and _is_sure(ends)):
+            is_over = number >= _MIN_STARTS and budget.spent > _STARTS_TIME_SHARE
+            if is_over or (number >= _NUM_STARTS and _is_sure(ends)):
                 break
             budget.report("laying the robot on the film", min(0.6, 0.1 + 0.1 * number))
             start, schedules = next(tries)
             for off_px in schedules:
                 ends += _judged(rough, start, off_px)
-                if _is_sure(ends[-1:]) or (number and budget.spent > _STARTING):
+                if _is_sure(ends[-1:]) or (number and budget.spent > _STARTS_TIME_SHARE):
                     break
-        return sorted(ends, key=_score)[-_KEPT:]
+        return sorted(ends, key=_score)[-_REFINED_ENDS:]
 
     def _tries(
         self, ends: list[Judged], guess: Callable[[], np.ndarray]
@@ -103,16 +103,16 @@ class CameraSearch:
         yield given, (FAR,)
         while True:
             best = max(ends, key=_score)[1].unit if ends else given
-            yield best + _BESIDE * self._rng.normal(size=len(best)), (NEAR, MIDDLE)
+            yield best + _SIDESTEP_STD * self._rng.normal(size=len(best)), (NEAR, MIDDLE)
             yield guess(), (NEAR, MIDDLE, FAR)
 
     def _silhouettes(self) -> Callable[[], np.ndarray]:
         """A function that gives likely cameras (P,), another one each time."""
         height, width = self._geometry.size
-        small = (_SMALL_PX, max(1, round(width * _SMALL_PX / height)))
+        small = (_SILHOUETTE_HEIGHT_PX, max(1, round(width * _SILHOUETTE_HEIGHT_PX / height)))
         geometry = replace(self._geometry, size=small)
         frames = np.stack([resize(frame, small) for frame in self._frames])
-        at = self._spread(_SILHOUETTES)
+        at = self._spread(_SILHOUETTE_FRAMES)
         masks, points = moving_masks(frames)[at], self._robot.surface_points(at, self._rng)
 
         def project(units: np.ndarray) -> np.ndarray:
@@ -122,12 +122,12 @@ class CameraSearch:
 
     def _choose(self, near: np.ndarray, seconds: float) -> np.ndarray:
         """(M,) frames, evenly spread, as many as can be compared in the time."""
-        few = self._tracker(self._spread(_TIMED))
+        few = self._tracker(self._spread(_TIMED_PICTURES))
         few.fit(near, FINE[-1:])  # the first call is slower
         began_s = time.monotonic()
         few.fit(near, FINE[-1:])
-        each_s = (time.monotonic() - began_s) / _TIMED * len(FINE) * _FITS
-        most = int(np.clip(_SHARE * seconds / each_s, _FEWEST_PICTURES, _MOST_PICTURES))
+        each_s = (time.monotonic() - began_s) / _TIMED_PICTURES * len(FINE) * _NUM_FINE_FITS
+        most = int(np.clip(_FINE_TIME_SHARE * seconds / each_s, _FEWEST_PICTURES, _MOST_PICTURES))
         return self._spread(most)
 
     def _spread(self, num: int) -> np.ndarray:
@@ -142,12 +142,12 @@ class CameraSearch:
 def best_of(ends: list[Judged]) -> Found:
     """The best, with all that are about as good."""
     agreement, best = max(ends, key=_score)
-    as_good = [fit.unit for its, fit in ends if its.score > _AS_GOOD * agreement.score]
+    as_good = [fit.unit for its, fit in ends if its.score > _RIVAL_SCORE_RATIO * agreement.score]
     return Found(best, agreement, np.array(as_good or [best.unit]))  # none if all have no score
 
 
 def _is_sure(ends: list[Judged]) -> bool:
-    return any(agreement.beyond_chance > _SURE for agreement, _ in ends)
+    return any(agreement.beyond_chance > _SURE_BEYOND_CHANCE for agreement, _ in ends)
 
 
 def _judged(tracker: Tracker, start: np.ndarray, off_px: tuple[float, ...]) -> list[Judged]:

@@ -9,21 +9,21 @@ from collections.abc import Callable
 import numpy as np
 from scipy.ndimage import binary_opening, distance_transform_edt
 
-_NOISE = 4.0  # factor on the typical difference from the background: less is camera noise
+_NOISE_FACTOR = 4.0  # on the typical difference from the background: less is camera noise
 _LEAST_LEVELS = 12.0  # of 256
-_ELSEWHERE_PX = 3.0  # a point nearer than this to its usual place need not show
-_FAR = 0.15  # of the height: cap on distances
-_FEWEST_POINTS = 12  # away from their usual place, to judge a camera
-_FIRST, _KEPT, _NEXT, _ROUNDS = 1000, 30, 200, 6
-_SPREAD = 1.3  # factor on the spread of the best, in which new cameras are drawn
-_PER_PIXEL = 40  # of the pixels of a mask, for which the nearest point is searched
+_MOVED_PX = 3.0  # a point nearer than this to its usual place need not show
+_MAX_DISTANCE_SHARE = 0.15  # of the height: cap on distances
+_MIN_MOVED_POINTS = 12  # to judge a camera
+_NUM_FIRST, _NUM_ELITES, _NUM_NEXT, _NUM_ROUNDS = 1000, 30, 200, 6
+_SPREAD_FACTOR = 1.3  # on the spread of the best, in which new cameras are drawn
+_MAX_MASK_PIXELS = 40  # for which the nearest point is searched
 
 
 def moving_masks(frames: np.ndarray) -> np.ndarray:
     """(F, H, W) bool of (F, H, W, 3) frames: where they differ from the background."""
     still = np.median(frames, 0)
     differs = np.abs(frames.astype(np.float32) - still).max(-1)
-    least = max(_LEAST_LEVELS, _NOISE * float(np.median(differs)))
+    least = max(_LEAST_LEVELS, _NOISE_FACTOR * float(np.median(differs)))
     return np.stack([np.asarray(binary_opening(one > least)) for one in differs])
 
 
@@ -38,16 +38,16 @@ def likely_camera(
     `project(units)`: (n, P) cameras to (n, K, L, 2) pixels of many points of the robot in K frames,
     with (K, H, W) `masks` from `moving_masks`.
     """
-    far = _FAR * masks.shape[1]
+    far = _MAX_DISTANCE_SHARE * masks.shape[1]
     away = np.stack([np.asarray(distance_transform_edt(~mask)) for mask in masks]).clip(max=far)
     shown = [_some(np.argwhere(mask)[:, ::-1], rng) for mask in masks]
-    units = rng.uniform(size=(_FIRST, num_parameters))
+    units = rng.uniform(size=(_NUM_FIRST, num_parameters))
     units[0] = 0.5
     costs = _costs(project(units), away, shown, far)
-    for _ in range(_ROUNDS):
-        best = np.argsort(costs)[:_KEPT]
+    for _ in range(_NUM_ROUNDS):
+        best = np.argsort(costs)[:_NUM_ELITES]
         middle, spread = units[best].mean(0), np.cov(units[best].T)
-        near = rng.multivariate_normal(middle, _SPREAD**2 * spread, _NEXT).clip(0, 1)
+        near = rng.multivariate_normal(middle, _SPREAD_FACTOR**2 * spread, _NUM_NEXT).clip(0, 1)
         units = np.concatenate([units[best], near])
         costs = np.concatenate([costs[best], _costs(project(near), away, shown, far)])
     return units[np.argmin(costs)]
@@ -61,12 +61,12 @@ def _costs(points: np.ndarray, away: np.ndarray, shown: list[np.ndarray], far: f
 def _cost(points: np.ndarray, away: np.ndarray, shown: list[np.ndarray], far: float) -> float:
     """For (K, L, 2) points, (K, H, W) distances to masks, and pixels of each mask."""
     height, width = away.shape[1:]
-    moved = np.linalg.norm(points - np.median(points, 0), axis=-1) > _ELSEWHERE_PX
+    moved = np.linalg.norm(points - np.median(points, 0), axis=-1) > _MOVED_PX
     inside = (
         (points > -0.5).all(-1) & (points[..., 0] < width - 0.5) & (points[..., 1] < height - 0.5)
     )
     moved &= inside
-    if moved.sum() < _FEWEST_POINTS:
+    if moved.sum() < _MIN_MOVED_POINTS:
         return 2 * far
     frame, _ = np.nonzero(moved)
     column, row = np.rint(points[moved]).astype(int).T
@@ -84,5 +84,5 @@ def _cost(points: np.ndarray, away: np.ndarray, shown: list[np.ndarray], far: fl
 
 
 def _some(pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """At most `_PER_PIXEL` of (M, 2)."""
-    return pixels[rng.permutation(len(pixels))[:_PER_PIXEL]]
+    """At most `_MAX_MASK_PIXELS` of (M, 2)."""
+    return pixels[rng.permutation(len(pixels))[:_MAX_MASK_PIXELS]]

@@ -6,14 +6,14 @@ from scipy.special import stdtrit
 from simtune.camera_pose.found import Bend, Found
 from simtune.camera_pose.tracking import Agreement, Fit
 
-_ALIKE = 30.0  # points with errors so correlated, within and between frames, that they count as one
-_SWOLLEN_PX = 0.3  # by which all outlines may be too large or too small: dark rims, compression
+_CORRELATED_POINTS = 30.0  # whose errors, within and between frames, count as one
+_OUTLINE_BIAS_PX = 0.3  # all outlines may be too large or too small: dark rims, compression
 # Least share of outlines on edges in excess of chance: .4 to .6 for simulated cameras that were
 # found, .15 to .3 for a real one, up to .06 for wrong ones.
-_BY_CHANCE = 0.1
-_CLUSTERS = 8  # of consecutive frames, within which errors are correlated
+_MIN_BEYOND_CHANCE = 0.1
+_NUM_CLUSTERS = 8  # of consecutive frames, within which errors are correlated
 # Of a 90 % interval, in standard deviations (Student's t)
-HALF_WIDTH = float(stdtrit(_CLUSTERS - 1, 0.95))
+HALF_WIDTH = float(stdtrit(_NUM_CLUSTERS - 1, 0.95))
 
 
 def spread(found: Found) -> np.ndarray:
@@ -40,7 +40,7 @@ def _with_lens(bend: Bend, is_bent: bool) -> np.ndarray:
 
 def is_by_chance(agreement: Agreement) -> bool:
     """Whether the camera is not the film's, judging by edges."""
-    return agreement.beyond_chance < _BY_CHANCE
+    return agreement.beyond_chance < _MIN_BEYOND_CHANCE
 
 
 def covariance(fit: Fit) -> np.ndarray:
@@ -56,11 +56,11 @@ def covariance(fit: Fit) -> np.ndarray:
     information = weighted @ fit.slopes
     slack = 1e-12 * np.trace(information) * np.eye(len(information))
     inverse = np.linalg.inv(information + slack)
-    clusters = fit.frames * _CLUSTERS // (fit.frames.max() + 1)
+    clusters = fit.frames * _NUM_CLUSTERS // (fit.frames.max() + 1)
     pulls = fit.slopes * (fit.weights * fit.off_px)[:, None]
-    by_cluster = np.stack([pulls[clusters == one].sum(0) for one in range(_CLUSTERS)])
+    by_cluster = np.stack([pulls[clusters == one].sum(0) for one in range(_NUM_CLUSTERS)])
     by_cluster = by_cluster - by_cluster.mean(0)
-    swollen = _SWOLLEN_PX * weighted.sum(1)
-    common = _CLUSTERS / (_CLUSTERS - 1) * by_cluster.T @ by_cluster + np.outer(swollen, swollen)
+    bias = _OUTLINE_BIAS_PX * weighted.sum(1)
+    common = _NUM_CLUSTERS / (_NUM_CLUSTERS - 1) * by_cluster.T @ by_cluster + np.outer(bias, bias)
     squared_px = float((fit.weights * fit.off_px**2).sum() / fit.weights.sum())
-    return _ALIKE * squared_px * inverse + inverse @ common @ inverse
+    return _CORRELATED_POINTS * squared_px * inverse + inverse @ common @ inverse

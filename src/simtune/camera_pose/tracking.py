@@ -20,16 +20,16 @@ NEAR = (5.0, 5.0, 5.0, 3.0, 3.0, 3.0)
 MIDDLE = (8.0, 8.0, 8.0, *NEAR)
 FAR = (16.0, 16.0, 16.0, *MIDDLE)
 FINE = (2.0, 2.0, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0)
-_BEYOND = 0.3  # of the range, by which a fit may leave it on its way
-_REACH = 2.5  # factor on the expected offset, within which edges are searched
-_FAINT = 0.02  # of the full scale per pixel: contrast at which an edge has half the weight
-_NONE = 0.15  # weight of having no edge
-_ANEW = 3  # searches for edges per drawing of the robot
-_FARTHEST = 1.5  # factor on the expected offset: limit of a step's motion
-_SLACK = 1e-5  # of the mean information
-_POINTS, _ROUGH_POINTS = 8000, 2000
+_OVERSHOOT_SHARE = 0.3  # of the range, by which a fit may leave it on its way
+_SEARCH_REACH_FACTOR = 2.5  # on the expected offset, within which edges are searched
+_FAINT_CONTRAST = 0.02  # of the full scale per pixel: such an edge has half the weight
+_NO_EDGE_WEIGHT = 0.15
+_SEARCHES_PER_DRAWING = 3  # for edges, with the robot drawn once
+_MAX_MOTION_FACTOR = 1.5  # on the expected offset, for a step
+_RIDGE = 1e-5  # of the mean information
+_MAX_POINTS, _MAX_ROUGH_POINTS = 8000, 2000
 _FEWEST_POINTS = 50
-_OFF_EDGE_PX, _OFF_OUTLINE_PX = 2.0, 3.0  # largest distance between an edge and an outline
+_MAX_OFF_EDGE_PX, _MAX_OFF_OUTLINE_PX = 2.0, 3.0  # between an edge and an outline
 
 
 class Fit(NamedTuple):
@@ -81,21 +81,21 @@ class Tracker:
         unit, found = start, None
         for expected_px in off_px:
             is_rough = expected_px > FINE[0]
-            beyond = _BEYOND if is_rough else 0.0
+            beyond = _OVERSHOOT_SHARE if is_rough else 0.0
             unit = np.clip(unit, -beyond, 1 + beyond)
-            most = _ROUGH_POINTS if is_rough else _POINTS
+            most = _MAX_ROUGH_POINTS if is_rough else _MAX_POINTS
             outlines = self._robot.outlines(unit, self._which, most, is_rough)
             if len(outlines.frames) < _FEWEST_POINTS:
                 return None
-            for _ in range(_ANEW):
+            for _ in range(_SEARCHES_PER_DRAWING):
                 found = self._look(unit, outlines, expected_px)
-                step = _step(found, _FARTHEST * expected_px, beyond)
+                step = _step(found, _MAX_MOTION_FACTOR * expected_px, beyond)
                 unit = np.clip(unit + step, -beyond, 1 + beyond)
         return found and found._replace(unit=unit)
 
     def agreement(self, unit: np.ndarray) -> Agreement:
         """How well a camera (P,) explains the film."""
-        outlines = self._robot.outlines(unit, self._which, _POINTS)
+        outlines = self._robot.outlines(unit, self._which, _MAX_POINTS)
         if len(outlines.frames) < _FEWEST_POINTS:
             return Agreement(0, 0, 0)
         num = self._film.num
@@ -105,7 +105,7 @@ class Tracker:
         column, row = np.rint(outlines.pixels).astype(int).T
         drawn[outlines.frames, row, column] = True
         explained = [
-            (np.asarray(distance_transform_edt(~its))[edges] < _OFF_OUTLINE_PX).mean()
+            (np.asarray(distance_transform_edt(~its))[edges] < _MAX_OFF_OUTLINE_PX).mean()
             for its, edges in zip(drawn, self._film.moving(), strict=True)
             if its.any() and edges.any()
         ]
@@ -113,19 +113,19 @@ class Tracker:
 
     def _on_edges(self, outlines: Outlines) -> float:
         """Share of moving outlines that lie on edges."""
-        places, clear = self._edges(outlines.pixels, outlines, _OFF_EDGE_PX)
-        found, moves = (clear * (np.abs(places) < _OFF_EDGE_PX)).max(1), 1 - outlines.still
+        places, clear = self._edges(outlines.pixels, outlines, _MAX_OFF_EDGE_PX)
+        found, moves = (clear * (np.abs(places) < _MAX_OFF_EDGE_PX)).max(1), 1 - outlines.still
         return float((found * moves).sum() / max(moves.sum(), 1e-9))
 
     def _look(self, unit: np.ndarray, outlines: Outlines, off_px: float) -> Fit:
         pixels = self._geometry.project(unit, outlines.points)
-        places, clear = self._edges(pixels, outlines, _REACH * off_px)
+        places, clear = self._edges(pixels, outlines, _SEARCH_REACH_FACTOR * off_px)
         likely = clear * np.exp(-0.5 * (places / off_px) ** 2)
         total = likely.sum(1)
         mean = (likely * places).sum(1) / np.maximum(total, 1e-9)
         moved = self._geometry.derivatives(unit, outlines.points)
         slopes = np.einsum("nip,ni->np", moved, outlines.normals)
-        return Fit(unit, outlines.frames, total / (total + _NONE), mean, slopes)
+        return Fit(unit, outlines.frames, total / (total + _NO_EDGE_WEIGHT), mean, slopes)
 
     def _edges(
         self, pixels: np.ndarray, outlines: Outlines, reach_px: float
@@ -142,7 +142,7 @@ class Tracker:
         is_peak = (here >= before) & (here > after)
         bend = np.maximum(2 * here - before - after, 1e-9)
         beside = np.where(is_peak, np.clip((after - before) / (2 * bend), -0.5, 0.5), 0)
-        clear = is_peak * here**2 / (here**2 + _FAINT**2) * direction_match[:, 1:-1] ** 2
+        clear = is_peak * here**2 / (here**2 + _FAINT_CONTRAST**2) * direction_match[:, 1:-1] ** 2
         return steps[1:-1] + step_px * beside, clear
 
 
@@ -151,7 +151,7 @@ def _step(found: Fit, farthest_px: float, beyond: float) -> np.ndarray:
     weighted = found.slopes.T * found.weights
     information, pull = weighted @ found.slopes, weighted @ found.off_px
     num = len(pull)
-    information += (_SLACK * np.trace(information) / num + 1e-9) * np.eye(num)
+    information += (_RIDGE * np.trace(information) / num + 1e-9) * np.eye(num)
     step = newton_within(information, -pull, found.unit, (-beyond, 1 + beyond))
     moved_px = np.percentile(np.abs(found.slopes @ step), 95)
     return step * min(1.0, farthest_px / max(float(moved_px), 1e-9))

@@ -11,7 +11,7 @@ from simtune.parameters import ModelWriter
 from simtune.run.files import plain
 from simtune.tasks import Task
 
-_AT_END = 0.01  # of the range
+_AT_END_SHARE = 0.01  # of the range
 
 
 def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def _warnings(task: Task, found: Found) -> list[str]:
             "(--budget-minutes)"
         )
     for i, parameter in enumerate(task.parameters):
-        if not _AT_END < unit[i] < 1 - _AT_END:
+        if not _AT_END_SHARE < unit[i] < 1 - _AT_END_SHARE:
             said.append(
                 f"{parameter.name} is at the end of what was searched: give a nearer guess, or a "
                 "wider range (--within-m, --within-deg, --within-fov-deg)"

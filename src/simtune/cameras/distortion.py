@@ -9,9 +9,9 @@ import numpy as np
 
 from simtune.errors import InputError
 
-_NEAR_ENOUGH = 1e-9  # of a direction, when iterating
+_CONVERGENCE_TOLERANCE = 1e-9  # of a direction
 _ITERATIONS = 200
-_RADII = 1001  # at which a lens may not fold
+_NUM_RADII = 1001  # at which a lens may not fold
 
 
 def distort(distortion: Sequence[float], points: np.ndarray) -> np.ndarray:
@@ -39,7 +39,7 @@ def undistort(distortion: Sequence[float], seen: np.ndarray) -> np.ndarray:
     points = seen.copy()
     for _ in range(_ITERATIONS):
         off = distort(distortion, points) - seen
-        if np.abs(off).max() < _NEAR_ENOUGH:
+        if np.abs(off).max() < _CONVERGENCE_TOLERANCE:
             return points
         points = points - 0.7 * off
         if not np.abs(points).max() < 1e3:
@@ -53,7 +53,7 @@ def check_spread(distortion: Sequence[float], farthest: float) -> None:
     Up to the tangent `farthest` of their angle to it. A point within a fold is shown at a pixel of
     the picture, too, which belongs to another direction.
     """
-    squared = np.linspace(0, farthest, _RADII) ** 2
+    squared = np.linspace(0, farthest, _NUM_RADII) ** 2
     k1, k2, _, _, k3 = distortion
     spread = 1 + squared * (3 * k1 + squared * (5 * k2 + squared * 7 * k3))
     if not (spread > 0).all():

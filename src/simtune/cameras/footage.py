@@ -16,7 +16,7 @@ from simtune.cameras.rectify import rectify
 from simtune.errors import InputError
 
 _FRAMES = 200  # used, evenly spread: a median of more is no better
-_NARROWER = 0.02  # relative difference of the ratio of width and height
+_ASPECT_TOLERANCE = 0.02  # relative difference of width / height
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +105,7 @@ class Footage:
     def _check_shape(self, picture: tuple[int, ...], size: tuple[int, int]) -> None:
         """Raise InputError for a background, (H, W, ...), too narrow for (height, width)."""
         (height, width), wanted = picture[:2], size[1] / size[0]
-        is_narrow = width / height < wanted * (1 - _NARROWER)
+        is_narrow = width / height < wanted * (1 - _ASPECT_TOLERANCE)
         if is_narrow and not self.lens:  # a lens checks by itself
             raise InputError(
                 f"{self.background}: {width}×{height}, narrower than the recordings' pictures, "

@@ -15,10 +15,10 @@ from simtune.cameras.distortion import check_spread, distort, undistort
 from simtune.errors import InputError
 
 _OPENCV = np.diag([1.0, -1.0, -1.0])  # axes of OpenCV in those of MuJoCo's camera
-_SQUARE, _MIDDLE_PX = 1e-3, 0.5  # tolerances for square pixels (relative) and for the centre
+_SQUARE_TOLERANCE, _CENTRE_TOLERANCE_PX = 1e-3, 0.5  # the former is relative
 _BORDER = np.linspace(-1, 1, 65)  # places along each side that have to be within the picture
-_BEYOND_PX = 0.01  # that a border may leave it, for rounding
-_SHARES = np.linspace(1, 0, 1001)  # of a rectified picture's sides, that are tried
+_BORDER_TOLERANCE_PX = 0.01  # for rounding
+_TRIED_SHARES = np.linspace(1, 0, 1001)  # of a rectified picture's sides
 # Of a picture's side, by its focal length; a fisheye lens of 180° has 115°
 _NARROWEST_DEG, _WIDEST_DEG = 5.0, 140.0
 
@@ -55,8 +55,8 @@ class Lens:
         """Whether the whole picture is a pinhole's that looks at its middle."""
         middle = (self.width - 1) / 2, (self.height - 1) / 2
         away = max(abs(self.cx - middle[0]), abs(self.cy - middle[1]))
-        is_square = math.isclose(self.fx, self.fy, rel_tol=_SQUARE)
-        return not any(self.distortion) and is_square and away <= _MIDDLE_PX
+        is_square = math.isclose(self.fx, self.fy, rel_tol=_SQUARE_TOLERANCE)
+        return not any(self.distortion) and is_square and away <= _CENTRE_TOLERANCE_PX
 
     @property
     def whole_fovy_deg(self) -> float:
@@ -123,7 +123,7 @@ class Lens:
         """
         side = np.stack([_BORDER, np.ones_like(_BORDER)], -1)
         border = np.concatenate([side, -side, side[:, ::-1], -side[:, ::-1]]) * half_sides
-        share = next(share for share in _SHARES if self._sees(share * border))
+        share = next(share for share in _TRIED_SHARES if self._sees(share * border))
         ahead = self._ahead(share * border)
         check_spread(self.distortion, float(np.hypot(ahead[:, 0], ahead[:, 1]).max()))
         return float(share * half_sides[0]), float(share * half_sides[1])
@@ -131,7 +131,7 @@ class Lens:
     def _sees(self, points: np.ndarray) -> bool:
         """Whether the picture shows all of these (N, 2) points of the rectified one."""
         seen, size = self.seen_px(points), np.array([self.width, self.height])
-        return bool(((seen >= -_BEYOND_PX) & (seen <= size + _BEYOND_PX)).all())
+        return bool(((seen >= -_BORDER_TOLERANCE_PX) & (seen <= size + _BORDER_TOLERANCE_PX)).all())
 
     def _around_the_region(self) -> tuple[float, float]:
         assert self.region is not None

@@ -17,9 +17,9 @@ from simtune.parameters.joint_types import FREE, SLIDE
 from simtune.simulation import Simulator
 from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
-_HARDLY = 0.1  # of them
-_MOVED = 0.005  # of the model's extent
-_SELDOM = 0.5  # of the episodes
+_HARDLY_SEEN_SHARE = 0.1  # of the starts
+_MIN_MOVE_EXTENTS = 0.005  # of the model
+_MAX_MOVING_SHARE = 0.5  # of the episodes
 
 
 def out_of_sight(simulator: Simulator, seed: int) -> dict[str, str]:
@@ -31,7 +31,9 @@ def out_of_sight(simulator: Simulator, seed: int) -> dict[str, str]:
     for (body, _), pixels in corners_px(simulator, starts, simulator.views).items():
         tree = int(model.body_treeid[body])
         seen[tree] = seen.get(tree, np.zeros(NUM_STARTS, bool)) | (across(pixels) > OUT_OF_SIGHT_PX)
-    outside = {tree: int((~its).sum()) for tree, its in seen.items() if its.mean() <= _HARDLY}
+    outside = {
+        tree: int((~its).sum()) for tree, its in seen.items() if its.mean() <= _HARDLY_SEEN_SHARE
+    }
     return {
         name: f"{_thing(model, tree)} is outside the picture in {outside[tree]} of {NUM_STARTS} "
         "simulated starts"
@@ -82,8 +84,11 @@ def _seldom_moved(
     for tree in sorted(_loose_trees(model) if len(states) else ()):
         its = [n for n in names if trees.get(n) == tree and not simulator.space[n].is_appearance]
         places = positions[..., _places(model, tree)]
-        moves = np.linalg.norm(places - places[:, :1], axis=-1).max(1) > _MOVED * model.stat.extent
-        if not its or moves.mean() > _SELDOM:
+        moves = (
+            np.linalg.norm(places - places[:, :1], axis=-1).max(1)
+            > _MIN_MOVE_EXTENTS * model.stat.extent
+        )
+        if not its or moves.mean() > _MAX_MOVING_SHARE:
             continue
         starts = nominal_starts(simulator, seed) if starts is None else starts
         drawn = simulator.state_space.positions_and_velocities(starts)[:, _places(model, tree)]

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.checking import sensitive_starts
 from simtune.checking.begins_elsewhere import elsewhere_warnings, out_of_sight
 from simtune.checking.conclusions import CLEAR, conclude
@@ -13,6 +14,7 @@ from simtune.checking.frictions import unfelt_frictions
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.limits import joints_at_limits
 from simtune.checking.mistakes.degrees import like_degrees
+from simtune.checking.mistakes.misread import MOST_S
 from simtune.checking.nominal import nominal_states
 from simtune.checking.readings import reading_changes
 from simtune.checking.recorded import Given, of_recordings
@@ -31,6 +33,11 @@ from simtune.run.files import plain
 from simtune.tasks import Task, load_task
 
 _EPISODES = 5
+_REPLAYS_S = 180.0  # for what readings tell: fewer replays mislead
+_NOT_ASKED = (
+    "there was time to ask {:.0%} of the motion how well the best fit to pictures could tell; the "
+    "rest is assumed to tell as much"
+)
 
 
 def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any]:
@@ -53,11 +60,14 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
     readings = None
     if seen.sensors:
         readings, facts["assumed"], more = _replayed(given, seen, config.seed, report)
-        facts["warnings"] += more
+        facts["warnings"] += [*more, *readings.left_out]
+    asking = Budget(MOST_S, report, span=(0.7, 1.0))
     try:
-        sensitivity = analyze(simulator, actions, config.seed, seen, readings, report)
+        sensitivity = analyze(simulator, actions, config.seed, seen, readings, asking)
     except RuntimeError as error:
         raise _refused(error, facts["warnings"]) from error
+    if sensitivity.asked_share < 1:
+        facts["warnings"].append(_NOT_ASKED.format(sensitivity.asked_share))
     states = nominal_states(simulator, actions, config.seed)
     hidden = out_of_sight(simulator, config.seed)
     reasons = unfelt_frictions(simulator, states) | hidden
@@ -89,7 +99,8 @@ class _Replayed(NamedTuple):
 
 def _replayed(given: Given, seen: ObservationModel, seed: int, report: ReportProgress) -> _Replayed:
     """Replays readings. Raises InputError if none can be replayed."""
-    report("replaying readings", 0.5)
+    budget = Budget(_REPLAYS_S, report, span=(0.5, 0.7))
+    budget.report("replaying readings")
     names = [f"episode {number}" for number in range(len(given.actions))]
     replays, warnings = None, list[str]()
     if given.read and not given.is_far:  # else all that follows from lengths would mislead
@@ -97,7 +108,9 @@ def _replayed(given: Given, seen: ObservationModel, seed: int, report: ReportPro
         replays = RecordedReplays(given.simulator, seen, given.read.trajectories, names)
         warnings += replays.start_warnings()
     try:
-        changes, assumed = reading_changes(given.simulator, seen, given.actions, given.read, seed)
+        changes, assumed = reading_changes(
+            given.simulator, seen, given.actions, given.read, seed, budget
+        )
     except RuntimeError as error:
         more, of_sensors = list[str](), joints_of(seen.sensors)
         if given.read:

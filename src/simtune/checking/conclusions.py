@@ -14,7 +14,7 @@ from simtune.verdicts import IDENTIFIED_SHARE, WEAK_SHARE
 Shows = Literal["shows clearly", "shows weakly", "does not show"]
 CLEAR: Shows = "shows clearly"
 
-_TOGETHER = 0.8  # correlation from which two errors count as one: (1 + r) / (1 − r) is 9
+_MIN_SHARED_CORRELATION = 0.8  # of errors that count as one: (1 + r) / (1 − r) is 9
 _NOTHING = "changes neither picture nor motion: it cannot be found from video"
 _NOTHING_READ = "changes no reading: it cannot be found from these sensors"
 _NOTHING_AT_ALL = "changes neither picture, motion nor readings: it cannot be found from them"
@@ -33,7 +33,7 @@ def conclude(
         at_best = _share(space, sensitivity, sensitivity.motion_std_at_best)
     least = share if at_best is None else at_best
     shows: list[Shows] = [_shows(*its) for its in zip(share, least, strict=True)]
-    together = np.abs(np.triu(sensitivity.correlation, 1)) > _TOGETHER
+    together = np.abs(np.triu(sensitivity.correlation, 1)) > _MIN_SHARED_CORRELATION
     pairs = [_pair(space, sensitivity, least, i, j) for i, j in np.argwhere(together)]
     reasons = _nothing(space, sensitivity, reasons or {})
     parameters = {

@@ -19,7 +19,7 @@ from simtune.simulation import AnySimulator, Simulator
 from simtune.trajectory import Trajectory
 
 _FIGURES = ("std", "std_percent", "interval_share")
-_KEPT = (*_FIGURES, *(f"{figure}_at_best" for figure in _FIGURES), "verdict", "note")
+_KEPT_KEYS = (*_FIGURES, *(f"{figure}_at_best" for figure in _FIGURES), "verdict", "note")
 
 
 class ExpectedPrecision(NamedTuple):
@@ -63,5 +63,5 @@ def expected_precision(
     reasons = unfelt_frictions(simulator, states) | hidden
     said = conclude(simulator.space, sensitivity, reasons)["parameters"]
     warnings += elsewhere_warnings(simulator, states, hidden, said, seed, are_recorded=bool(names))
-    kept = plain({name: {k: p[k] for k in _KEPT if k in p} for name, p in said.items()})
+    kept = plain({name: {k: p[k] for k in _KEPT_KEYS if k in p} for name, p in said.items()})
     return ExpectedPrecision(kept, warnings)

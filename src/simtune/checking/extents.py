@@ -11,12 +11,13 @@ from simtune.cameras.views import View
 from simtune.config import LARGEST_PX
 from simtune.parameters import Parameter
 from simtune.simulation import Simulator
-from simtune.vision.corners import corners_of_parts
+from simtune.vision.corners import corners_of_parts, vertices_of_flexes
+from simtune.vision.keypoints import Keypoints
 
 _STEPS, _EPISODES = 12, 4  # used at most
 FEW_PX, _ENOUGH_PX = 3.5, 5.0  # across: at an accuracy of about 0.2 pixels, a size is known to 5 %
 OUT_OF_SIGHT_PX, _FEWEST_PX = 0.05, 0.1
-_FEW_IN_SIGHT = 0.1  # of the states
+_MIN_IN_SIGHT_SHARE = 0.1  # of the states
 _NOTHING = (
     "nothing that moves is in sight, in most of these worlds: correct the camera's pose, or cut "
     "recordings where it has left the picture"
@@ -26,10 +27,10 @@ _OWNERS = {"geom": "geom_bodyid", "jnt": "jnt_bodyid", "dof": "jnt_bodyid", "sit
 
 
 def extents_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) -> dict[str, float]:
-    """{body: pixels} across the narrow side of what moves, in the view that shows it largest.
+    """{body or flex: pixels} across the narrow side of what moves, where that is largest.
 
-    Median over those of some of the (E, T + 1, S) states of nominal worlds in which it is in sight;
-    0 if these are few.
+    In the view that shows it so: median over those of some of the (E, T + 1, S) states of nominal
+    worlds in which it is in sight; 0 if these are few.
     """
     at = np.linspace(0, states.shape[1] - 1, min(_STEPS, states.shape[1])).astype(int)
     some = states[:_EPISODES, at].reshape(-1, states.shape[2])
@@ -37,13 +38,24 @@ def extents_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) 
     for (body, _), pixels in corners_px(simulator, some, views).items():
         name = part_name(simulator.model, body)
         found[name] = max(found.get(name, 0.0), _median_in_sight(across(pixels)))
+    return found | _flexes_px(simulator, some, views)
+
+
+def _flexes_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) -> dict[str, float]:
+    """{flex: pixels}, as `extents_px`, in (n, S) states."""
+    found = {}
+    flexes = vertices_of_flexes(simulator.model, views, simulator.image_size)
+    for name, vertices in flexes.items():
+        pixels = _pixels(simulator, states, vertices)
+        each = (pixels[:, vertices.views == view] for view in range(len(views)))
+        found[name] = max((_median_in_sight(across(its)) for its in each), default=0.0)
     return found
 
 
 def _median_in_sight(sizes: np.ndarray) -> float:
     """Of (n,) pixels: a ball that has rolled out of the picture was no smaller in it."""
     in_sight = sizes > OUT_OF_SIGHT_PX
-    return float(np.median(sizes[in_sight])) if in_sight.mean() > _FEW_IN_SIGHT else 0.0
+    return float(np.median(sizes[in_sight])) if in_sight.mean() > _MIN_IN_SIGHT_SHARE else 0.0
 
 
 def corners_px(
@@ -56,16 +68,21 @@ def corners_px(
     corners = corners_of_parts(simulator.model, views, simulator.image_size)
     if not len(corners):
         return {}
-    worlds = np.tile(simulator.space.nominal, (len(states), 1))
-    rng = np.random.default_rng(0)
-    seen = simulator.begin(worlds, rng, starts=states, observe=corners.observe).observed
-    pixels = seen.reshape(-1, len(corners), 2).astype(float)
+    pixels = _pixels(simulator, states, corners)
     model = simulator.model
     bodies = model.body_weldid[model.geom_bodyid[corners.geoms]]
     pairs = sorted(set(zip(bodies.tolist(), corners.views.tolist(), strict=True)))
     return {
         (body, view): pixels[:, (bodies == body) & (corners.views == view)] for body, view in pairs
     }
+
+
+def _pixels(simulator: Simulator, states: np.ndarray, points: Keypoints) -> np.ndarray:
+    """(n, L, 2) of points in (n, S) states of nominal worlds."""
+    worlds = np.tile(simulator.space.nominal, (len(states), 1))
+    rng = np.random.default_rng(0)
+    seen = simulator.begin(worlds, rng, starts=states, observe=points.observe).observed
+    return seen.reshape(-1, len(points), 2).astype(float)
 
 
 def small(

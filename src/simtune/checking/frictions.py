@@ -15,9 +15,9 @@ from simtune.parameters import Parameter
 from simtune.simulation import Simulator
 
 _MOST_STATES = 200  # looked at
-_FACTOR, _MORE = 1.2, 1e-3  # of the friction that is tried, which may be 0
+_TRIED_FACTOR, _ADDED_FRICTION = 1.2, 1e-3  # of the friction that is tried, which may be 0
 _CONDIM = (3, 4, 6)  # that sliding, spinning and rolling friction need
-_OF_CONTACT = (0, 2, 3)  # their places in a contact's five frictions
+_CONTACT_PLACES = (0, 2, 3)  # in a contact's five frictions
 
 
 class Contacts(NamedTuple):
@@ -71,10 +71,10 @@ def _why_unfelt(
     if (condim := found.condim[touching].max()) < (needed := _CONDIM[column]):
         return f'needs contacts of condim="{needed}", and those of {objects} have {condim}'
     nominal = model.geom_friction[geoms, column].copy()
-    model.geom_friction[geoms, column] = _FACTOR * nominal + _MORE
+    model.geom_friction[geoms, column] = _TRIED_FACTOR * nominal + _ADDED_FRICTION
     changed = contacts(model, states)
     model.geom_friction[geoms, column] = nominal
-    of_contact = _OF_CONTACT[column]
+    of_contact = _CONTACT_PLACES[column]
     if len(changed.geoms) != len(found.geoms) or np.any(
         changed.friction[touching, of_contact] != found.friction[touching, of_contact]
     ):

@@ -7,9 +7,9 @@ from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
 from simtune.simulation import Simulator
 from simtune.simulation.servos import are_commanded
 
-_AT_LIMIT = 0.02  # of a joint's range, since limits are soft
-_NEARLY_ALWAYS = 0.8  # of all steps
-_MOST_TURN = 4 * np.pi  # a range that a file writes as more than that is no rad
+_SOFT_LIMIT_SHARE = 0.02  # of a joint's range
+_MAX_STEPS_SHARE = 0.8  # at a limit
+_MAX_RANGE_RAD = 4 * np.pi  # a range that a file writes as more than that is no rad
 
 
 def joints_at_limits(simulator: Simulator, states: np.ndarray) -> list[str]:
@@ -22,7 +22,7 @@ def joints_at_limits(simulator: Simulator, states: np.ndarray) -> list[str]:
     return [
         _says(model, joint, share)
         for joint in _driven(simulator)
-        if (share := _share_at_limit(model, joint, positions)) > _NEARLY_ALWAYS
+        if (share := _share_at_limit(model, joint, positions)) > _MAX_STEPS_SHARE
     ]
 
 
@@ -42,7 +42,7 @@ def _share_at_limit(model: mujoco.MjModel, joint: int, positions: np.ndarray) ->
     """Of (E, T + 1, nq + nv)."""
     low, high = model.jnt_range[joint]
     at = positions[..., model.jnt_qposadr[joint]]
-    slack = _AT_LIMIT * (high - low)
+    slack = _SOFT_LIMIT_SHARE * (high - low)
     return float(np.mean((at < low + slack) | (at > high - slack)))
 
 
@@ -50,7 +50,7 @@ def _says(model: mujoco.MjModel, joint: int, share: float) -> str:
     low, high = model.jnt_range[joint]
     is_hinge = model.jnt_type[joint] == HINGE
     unit = "rad" if is_hinge else "m"
-    may_be_radians = is_hinge and np.rad2deg(high - low) < _MOST_TURN
+    may_be_radians = is_hinge and np.rad2deg(high - low) < _MAX_RANGE_RAD
     doubt = "; is its range in degrees where radians are meant?" * bool(may_be_radians)
     name = model.joint(joint).name or joint
     return (

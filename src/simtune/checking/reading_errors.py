@@ -10,7 +10,7 @@ from simtune.checking.servos.roughness import roughness
 from simtune.observation import JointSensor, assumed_noise, declared_noise
 
 _CORRELATED_S = 0.5  # correlation time of a reading's residuals: model errors, not noise
-_LEFT = 0.03  # of a reading's travel: assumed residuals of a fit if no servo gives them
+_RESIDUAL_SHARE = 0.03  # of a reading's travel: assumed residuals of a fit if no servo gives them
 _ASSUMED_OF_RECORDINGS = (
     f"as if what a lag and an offset leave of each reading, for {_CORRELATED_S:g} s at a "
     "time, were left by the best fit, too"
@@ -55,6 +55,6 @@ def _left(
 ) -> np.ndarray:
     """(D,) root mean square residuals that the best fit may leave of (E, T + 1, D) readings."""
     flat = values.reshape(-1, values.shape[-1])
-    usual = _LEFT * np.ptp(np.nanpercentile(flat, (1, 99), axis=0), axis=0)
+    usual = _RESIDUAL_SHARE * np.ptp(np.nanpercentile(flat, (1, 99), axis=0), axis=0)
     known = np.array([servos[n].filtered_rms if n in servos else np.nan for n in labels])
     return np.where(np.isfinite(known), known, usual)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.checking.mistakes.misread import MOST_S, misread
 from simtune.checking.reading_errors import of_recorded, of_simulated
 from simtune.checking.servos.doubt import grouped
@@ -13,7 +14,7 @@ from simtune.checking.servos.fit import ServoResponse
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.gains import gains_to_write
 from simtune.checking.servos.joint_ranges import CERTAINLY_WIDER, WIDER, beyond_ranges
-from simtune.checking.servos.look import SeenJoint, look_at
+from simtune.checking.servos.look import SeenJoint, look_at_all
 from simtune.checking.servos.lost import missing
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.watch import watched
@@ -68,10 +69,9 @@ def look_at_servos(
     found = missing(observation.reading_labels, read, [len(t) for t in trajectories], names)
     joints, lost = watched(trajectories, simulator, observation, read, names)
     is_long = any(len(t) >= FEWEST_STEPS for t in trajectories)
-    others = [joint for joint in joints if joint]
-    seen = [look_at(joint, others) if joint and is_long else None for joint in joints]
+    seen = look_at_all(joints, sensors) if is_long else [None] * len(joints)
     by_name = {joint.name: its for joint, its in zip(joints, seen, strict=True) if joint and its}
-    of_speeds = {joint.name for joint in others if joint.positions}
+    of_speeds = {joint.name for joint in joints if joint and joint.positions}
     found += lost + grouped(doubt for its in by_name.values() for doubt in its.doubts)
     found += gains_to_write(sensors, [its.misread_by if its else None for its in seen])
     wider = [_wider(joint, its) for joint, its in zip(joints, seen, strict=True)]
@@ -100,12 +100,16 @@ def reading_changes(
     actions: np.ndarray,
     recorded: ReadEpisodes | None,
     seed: int,
+    budget: Budget | None = None,
 ) -> tuple[ReadingChanges, str]:
-    """For every parameter, in episodes of (E, T, A) actions; and the assumption on errors."""
+    """For every parameter, in episodes of (E, T, A) actions; and the assumption on errors.
+
+    `budget`: see `ReplayedReadings`.
+    """
     sensors = joints_of(observation.sensors)
     nominal = where_analyzed(simulator.space)
     readings = recorded.readings if recorded else None
-    replayed = ReplayedReadings(simulator, observation, nominal, actions, readings, seed)
+    replayed = ReplayedReadings(simulator, observation, nominal, actions, readings, seed, budget)
     if recorded:
         labels, step_s = observation.reading_labels, simulator.step_s
         errors = of_recorded(recorded.readings.values, recorded.servos, labels, sensors, step_s)

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.checking.film.as_read import AsRead
 from simtune.checking.film.camera_film import (
     MOST_EPISODES,
@@ -15,6 +16,7 @@ from simtune.checking.film.camera_film import (
 )
 from simtune.checking.film.look import Look, look_at, warnings_of
 from simtune.checking.film.picture import draw_film
+from simtune.checking.mistakes.misread import MOST_S
 from simtune.checking.picture_files import picture_file
 from simtune.checking.readings import ReadEpisodes, read_episodes
 from simtune.checking.recording_warnings import long_enough, warnings
@@ -71,15 +73,17 @@ def of_recordings(
         views=[shrunk(film.view, size) for film in films],
     )
     actions = np.stack([actions[: min(map(len, used))] for actions in used])
+    if seen.sensors:
+        report("looking how joints follow their commands", 0.1)
     read = read_episodes(dataset, num, simulator, seen) if seen.sensors else None
     sensors, values = joints_of(seen.sensors), read.readings.values if read else None
     far = far_beyond_model(simulator, recorded[:num], sensors, values)
     facts["warnings"] += far
     if seen.cameras and not far:
-        report("comparing pictures", 0.0)
+        budget = Budget(MOST_S, report, span=(0.2, 0.5), prefix="comparing pictures: ")
         as_read = AsRead(simulator, seen, read.trajectories[: len(frames)]) if read else None
         by_name = dict(zip(dataset.episodes, recorded, strict=True))
-        looks = look_at(films, simulator, actions, config.seed, as_read, by_name)
+        looks = look_at(films, simulator, actions, config.seed, as_read, by_name, budget)
         facts["films"] = _drawn(looks, task, config.pictures)
         facts["warnings"] += warnings_of(looks) if looks else [_DIVERGING]
         if values is not None:

@@ -19,13 +19,14 @@ from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
 from simtune.units import GAIN_OF_DEGREES
 
-_LATE = 0.3  # of a step: the simulator films exactly at each step's end
-_FAR_BEYOND = 5.0  # times a range: what may be degrees, not a clipped command
+_MAX_LATE_SHARE = 0.3  # of a step: the simulator films exactly at each step's end
+_FAR_IN_RANGES = 5.0  # what may be degrees, not a clipped command
 _AS_DEGREES = (
     f', such as degrees? Then mapping = "scaled" and gain = {GAIN_OF_DEGREES} in [actions]'
 )
-_FAST = 1.95  # readings a step: two, by a clock that is a little off
-_SPARE_S, _SPARE = 1.0, 0.2  # of the actions' time: a camera usually stops that soon after them
+_REGULAR_SHARE = 0.2  # within which errors of times are those of regular frames
+_FAST_READINGS_RATIO = 1.95  # two a step, by a clock that is a little off
+_SPARE_S, _SPARE_SHARE = 1.0, 0.2  # of the actions' time: a camera usually stops so soon after them
 
 
 def warnings(
@@ -44,7 +45,7 @@ def warnings(
     control_hz, task_hz = facts["control_hz"], 1 / task.step_s
     step_ms = 1e3 / control_hz
     largest_ms = max((c["time_error_ms"]["largest"] for c in facts["cameras"]), default=0.0)
-    are_late = largest_ms > _LATE * step_ms
+    are_late = largest_ms > _MAX_LATE_SHARE * step_ms
     is_chosen = not math.isclose(control_hz, facts.get("fps", control_hz))  # by --control-hz
     if abs(control_hz / task_hz - 1) > 0.01 and not is_chosen:
         found.append(
@@ -59,7 +60,7 @@ def warnings(
         found.append(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
             "motion will seem to stand still and jump. If each video lasts as long as its actions, "
-            "take a smaller --control-hz"
+            f"take a smaller --control-hz{_frames_hz(facts['cameras'])}"
             + "; --observe joints uses every reading, at the logged rate"
             * bool(isinstance(task, Task) and task.sensors)
         )
@@ -88,11 +89,23 @@ def warnings_of(
     return warnings(task, facts, [t.actions for t in trajectories], len(trajectories), search)
 
 
+def _frames_hz(cameras: Sequence[Mapping[str, Any]]) -> str:
+    """The rate of the slowest film's frames, as far as they come regularly.
+
+    Then the nearest one is away by half their distance at most, and by a quarter on average.
+    """
+    errors = [camera["time_error_ms"] for camera in cameras]
+    worst = max(errors, key=lambda its: its["largest"])
+    if not math.isclose(worst.get("mean", 0.0), worst["largest"] / 2, rel_tol=_REGULAR_SHARE):
+        return ""
+    return f" (frames seem to come at about {500 / worst['largest']:.3g} Hz)"
+
+
 def _of_fast_readings(facts: Mapping[str, Any]) -> list[str]:
     """On readings of which most fall between two steps, at a rate that nobody chose."""
     steps_hz, readings_hz = facts["control_hz"], facts.get("readings_hz", 0.0)
     is_own = math.isclose(steps_hz, facts.get("fps", steps_hz))
-    if facts["cameras"] or not is_own or readings_hz < _FAST * steps_hz:
+    if facts["cameras"] or not is_own or readings_hz < _FAST_READINGS_RATIO * steps_hz:
         return []
     return [
         f"readings come at {readings_hz:.4g} Hz, steps are {steps_hz:.4g} Hz: "
@@ -116,7 +129,7 @@ def _of_gaps(gaps: Mapping[str, Sequence[tuple[float, float]]]) -> list[str]:
 def _of_clocks(unused: Mapping[str, tuple[float, float]]) -> list[str]:
     """On videos that go on after the last action, {episode: (for how long, its length)} in s."""
     long = [(ends_s, lasts_s, name) for name, (ends_s, lasts_s) in unused.items()]
-    long = [one for one in long if one[0] > max(_SPARE_S, _SPARE * one[1])]
+    long = [one for one in long if one[0] > max(_SPARE_S, _SPARE_SHARE * one[1])]
     if not long:
         return []
     ends_s, lasts_s, name = max(long)
@@ -204,7 +217,9 @@ def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
         if mapping.is_limited[i] and (low < least - slack or high > most + slack):
             begins, ends = np.rad2deg([least - slack, most + slack])
             may_be = (
-                begins < low and high < ends and max(-low, high) > _FAR_BEYOND * max(-least, most)
+                begins < low
+                and high < ends
+                and max(-low, high) > _FAR_IN_RANGES * max(-least, most)
             )
             says = (
                 f"actions of {name} go from {low:.4g} to {high:.4g}, beyond the model's range of "

@@ -16,8 +16,8 @@ from simtune.parameters.joint_types import FREE, SLIDE
 from simtune.simulation.loose_objects import loose_joints
 
 _MOST_TOLD, _MOST_NAMED = 3, 4  # groups of geoms; geoms or episodes in each
-_RESTS_S = 0.05  # what touches from so early on has begun there
-_WORLD, _MOVES = -1, -2  # in place of a tree's number: MuJoCo's, and that of a mocap body or flex
+_BEGINS_WITHIN_S = 0.05  # what touches so early has begun there
+_WORLD_TREE, _MOVED_TREE = -1, -2  # in place of a tree's number: MuJoCo's, a mocap body's or flex's
 
 
 class Touching(NamedTuple):
@@ -50,7 +50,7 @@ def touching(
     on_its_own = _untouched(model, found)
     found = {pair: rows for pair, rows in found.items() if not on_its_own.issuperset(pair)}
     in_time = sorted(found.items(), key=lambda item: min(item[1].values()))
-    early = _RESTS_S / physics.simulator.step_s
+    early = _BEGINS_WITHIN_S / physics.simulator.step_s
     in_time = [
         (pair, rows)
         for pair, rows in in_time
@@ -91,14 +91,15 @@ def _untouched(model: mujoco.MjModel, pairs: Collection[tuple[int, int]]) -> set
     loose = set(model.body_treeid[model.jnt_bodyid[loose_joints(model)]].tolist())
     body = model.geom_bodyid
     is_mocap = model.body_mocapid[model.body_rootid[body]] >= 0
-    trees = [*np.where(is_mocap, _MOVES, model.body_treeid[body]).tolist(), _MOVES]  # a flex's last
-    alone = loose | {_WORLD}
+    trees = np.where(is_mocap, _MOVED_TREE, model.body_treeid[body]).tolist()
+    trees = [*trees, _MOVED_TREE]  # a flex's last
+    alone = loose | {_WORLD_TREE}
     while reached := {
         trees[geom]
         for pair in pairs
         if not alone.issuperset(trees[its] for its in pair)
         for geom in pair
-    } & (alone - {_WORLD}):
+    } & (alone - {_WORLD_TREE}):
         alone -= reached
     return {geom for geom in range(model.ngeom) if trees[geom] in alone}
 

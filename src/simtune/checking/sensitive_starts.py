@@ -23,13 +23,14 @@ def warnings(
         return []
     some = f"{len(much)} of {len(growth)} episodes replayed ({cut(much, _MOST_NAMED)})"
     contact = "" if found is not None and not found else "a contact, "
-    return [
+    said = (
         f"in {some} an error of a first reading grows up to {np.nanmax(growth):,.0f} times "
-        f"({contact}a fall, or what only a controller holds up, such as a robot that balances or "
-        "an arm that torques move: it is unstable open loop): no replay from their beginning ends "
-        "as they do. A fit to readings follows such an episode in parts, each from readings of its "
-        "own." + (f" In these replays {in_words(found, much)}" if found else "")
-    ]
+        f"({contact}a fall, what swings freely, such as a load on a cable, or what only a "
+        "controller holds up, such as a robot that balances or an arm that torques move: it is "
+        "unstable open loop): no replay from their beginning ends as they do. A fit to readings "
+        "follows such an episode in parts, each from readings of its own."
+    )
+    return [said + (f" In these replays {in_words(found, much)}" if found else "")]
 
 
 def sensitive(growth: np.ndarray) -> list[int]:

@@ -11,8 +11,8 @@ from simtune.random_streams import Purpose, stream
 from simtune.simulation import Simulator
 
 NUM_STARTS = 64  # drawn
-_SLACK = 0.25  # of what starts spread over: farther outside is far
-_LEAST = 0.05  # of the model's extent, or rad: nearer is no other place
+_SLACK_SHARE = 0.25  # of what starts spread over: farther outside is far
+_MIN_SLACK = 0.05  # of the model's extent, or rad: nearer is no other place
 _MEND = "say in [initial_state] where it begins"
 
 
@@ -40,7 +40,10 @@ def far_starts(
         is_hinge = joint.type[0] == HINGE
         simulated = positions[:, sensor.places[column]]
         ends = simulated.min(), simulated.max()
-        slack = max(_SLACK * (ends[1] - ends[0]), _LEAST * (1.0 if is_hinge else model.stat.extent))
+        slack = max(
+            _SLACK_SHARE * (ends[1] - ends[0]),
+            _MIN_SLACK * (1.0 if is_hinge else model.stat.extent),
+        )
         knows_zero = not sensor.finds_offsets
         if np.isfinite(sensor.periods[column]):
             middle = sum(ends) / 2 if knows_zero else _middle(read)

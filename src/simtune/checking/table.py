@@ -9,20 +9,19 @@ from simtune.recordings.source import short
 _MOST_EXTENTS = 6
 _PICTURE = ("picture", "of pixels", "motion", "at most")
 _READING = ("reads", "at most", "of")
-_PICTURE_LEGEND = (
-    "picture: were a parameter as tried, by how many of 256 levels pixels would change, of those",
-    "that do; of pixels: how many do; motion: by how many pixels, of {}, what moves would be",
-    "elsewhere after 12 steps, root mean square; at most: the largest of these;",
-)
-_READING_LEGEND = (
-    "reads: by how much the reading that tells most is elsewhere in open-loop replays of whole",
-    "episodes, root mean square, if a parameter is as tried;",
-)
-_TOLD = "told to: standard deviation that the best fit to such {} could have"
-_AT_BEST_LEGEND = (
-    "at best: the same if it left nothing of the readings but their noise, which a model without",
-    "errors does. Between both it depends on the model, and `simtune tune` says.",
-)
+# What columns say; {px}: the pictures' height, {what}: what is fitted
+_TRIED = {"tried": "another value, of which the next columns say what it changes"}
+_OF_PICTURES = {
+    "picture": "by how many of 256 levels the pixels that change do so",
+    "of pixels": "the share of pixels that change",
+    "motion": "by how many pixels, of {px}, things are elsewhere after 12 steps, root mean square",
+}
+_OF_READINGS = {
+    "reads": "by how much the reading that tells most is off in replays, root mean square",
+}
+_OF_BOTH = {"at most": "the largest of these"}
+_TOLD = {"told to": "standard deviation that the best fit to such {what} could have"}
+_AT_BEST = {"at best": "the same if it left nothing of the readings but their noise"}
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -63,14 +62,18 @@ def _across(px: float) -> str:
 
 
 def _legend(result: dict[str, Any]) -> list[str]:
+    """A line for each column."""
     pictures, readings = _shown(result["parameters"])
-    of_pictures = [line.format(result.get("image_size")) for line in _PICTURE_LEGEND]
-    lines = [*of_pictures * pictures, *_READING_LEGEND * readings]
+    said = _TRIED | (_OF_PICTURES if pictures else {}) | (_OF_READINGS if readings else {})
+    said |= _OF_BOTH | _TOLD
+    if _has_both(result["parameters"]):
+        said |= _AT_BEST
     what = " and ".join(["videos"] * pictures + ["readings"] * readings)
-    said = result.get("assumed")
-    told = _TOLD.format(what)
-    lines += [f"{told},", f"{said}."] if said else [f"{told}."]
-    return lines + [*_AT_BEST_LEGEND] * _has_both(result["parameters"])
+    size = result.get("image_size")
+    rows = [(name, text.format(px=size, what=what)) for name, text in said.items()]
+    if assumed := result.get("assumed"):
+        rows.insert(1 + list(said).index("told to"), ("", assumed))
+    return ["Columns:", *aligned([(f"  {name}", text) for name, text in rows], left=(0, 1))]
 
 
 def _shown(parameters: dict[str, dict[str, Any]]) -> tuple[bool, bool]:
@@ -100,8 +103,9 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
     for camera in facts["cameras"]:
         height, width = camera["source_size"]
         films.append(f"{width}×{height} {camera['codec']}, camera {camera['key']}")
-    if late := [camera["time_error_ms"] for camera in facts["cameras"]]:
-        worst = max(late, key=lambda its: its["largest"])
+    late = [camera["time_error_ms"] for camera in facts["cameras"]]
+    worst = max(late, key=lambda its: its["largest"], default={"largest": 0.0})
+    if worst["largest"] > 0:
         lateness = (
             f"; frames away from their steps by {worst['largest']:g} ms at most, "
             f"{worst['mean']:g} ms on average"
@@ -113,7 +117,6 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
         f"{counted(facts['steps'], 'step')}, {film}",
         f"{facts['fps']:.6g} steps/s recorded, {facts['control_hz']:.6g} taken{lateness}",
         f"actions: {', '.join(ranges) or 'none'}",
-        f"dataset hash {facts['dataset_hash']}",
     ]
 
 

@@ -24,7 +24,7 @@ _HELD_S = 0.3  # in which what nothing carries falls 44 cm
 _FAR_M, _FAR_RAD = 5e-3, np.radians(2)  # at rest, models a payload off settle by .5 mm and .1°
 # A robot that is walking tilts when it is held; farther than this it is thrown, or falls freely
 _FAR_IN_MOTION_M = 0.1
-_CALM_S, _CALM = 0.1, 0.03  # s, and rad or m that joints at rest may move in that time
+_CALM_S, _CALM_TRAVEL = 0.1, 0.03  # s, and rad or m that joints at rest may move in that time
 _ON_SITE, _ON_BODY = mujoco.mjtTrn.mjTRN_SITE.value, mujoco.mjtTrn.mjTRN_BODY.value
 _MOST_NAMED = 5  # episodes
 
@@ -78,7 +78,7 @@ def unsettled(
     first = filled(readings.values[:, : 1 + max(1, round(_CALM_S / step_s))])
     of_speed = [sensor.is_velocity for sensor, _ in columns_of(loop.sensors)]
     went = np.where(of_speed, step_s * np.cumsum(first, axis=1), first)
-    is_calm = np.ptp(went, axis=1).max(-1) < _CALM
+    is_calm = np.ptp(went, axis=1).max(-1) < _CALM_TRAVEL
     away = np.linalg.norm(moved, axis=-1).max(1)
     is_far = np.where(is_calm, (away > _FAR_M) | (turned > _FAR_RAD), away > _FAR_IN_MOTION_M)
     if not is_far.any():

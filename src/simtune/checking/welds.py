@@ -8,10 +8,10 @@ from simtune.simulation import Simulator
 from simtune.simulation.mocap import MocapActions
 
 _TURNED_RAD = 0.3
-_STARTS = 8  # looked at
+_MAX_STARTS = 8
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 _EQUALITY = mujoco.mjtConstraint.mjCNSTR_EQUALITY.value
-_PLACES = 3  # rows of a weld before those of its turn
+_POSITION_ROWS = 3  # of a weld, before those of its turn
 
 
 def turning_welds(simulator: Simulator, seed: int) -> list[str]:
@@ -23,7 +23,7 @@ def turning_welds(simulator: Simulator, seed: int) -> list[str]:
     if not isinstance(mapping, MocapActions):
         return []
     model, held = simulator.model, mapping.held
-    starts = nominal_starts(simulator, seed)[:_STARTS]
+    starts = nominal_starts(simulator, seed)[:_MAX_STARTS]
     angle = min(_turn_rad(model, held.equality, start) for start in starts)
     if angle < _TURNED_RAD:
         return []
@@ -45,6 +45,6 @@ def _turn_rad(model: mujoco.MjModel, equality: int, state: np.ndarray) -> float:
     mujoco.mj_setState(model, data, state, _STATE)
     mujoco.mj_forward(model, data)
     mine = (data.efc_type == _EQUALITY) & (data.efc_id == equality)
-    turn = data.efc_pos[mine][_PLACES:]
+    turn = data.efc_pos[mine][_POSITION_ROWS:]
     scale = model.eq_data[equality, 10]
     return 2 * float(np.arcsin(min(1.0, np.linalg.norm(turn) / scale))) if turn.size else 0.0

@@ -22,7 +22,11 @@ from simtune.config import (
 
 @dataclass(frozen=True)
 class TasksCommand(Prints):
-    """List the built-in tasks and their parameters."""
+    """List the built-in tasks, or one task's parameters."""
+
+    name: Annotated[Positional[str | None], arg(metavar="[NAME]")] = None
+    """A built-in task or a tuning file, whose parameters are listed; by default all built-in tasks,
+    a line each."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class ReportCommand(Prints):
     """Show it in the browser."""
     rerun: Path | None = None
     """Also write a file NAME.rrd for the Rerun viewer: videos, joint readings and estimates over
-    time. Needs simtune[rerun]."""
+    time. Needs rerun-sdk: pip install rerun-sdk."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 
+from simtune.cli.help import first_sentence
+
 _FOUND = "    completions = get_completions(words, current_index, COMPLETION_SPEC)"
 # Only single quotes, since fish's script puts all of this between double quotes
 _FILES_ELSE = """
@@ -30,6 +32,10 @@ _MENDED = (
 )
 
 
+def asks_for_completion(typed: Sequence[str]) -> bool:
+    return "--tyro-print-completion" in typed
+
+
 @contextlib.contextmanager
 def completion_mended(typed: Sequence[str], commands: Mapping[str, type]) -> Iterator[None]:
     """Improve a completion script printed within, if `typed` asks for one (tyro 1.0).
@@ -37,7 +43,7 @@ def completion_mended(typed: Sequence[str], commands: Mapping[str, type]) -> Ite
     Positional arguments, such as a tuning file, are completed as files. Commands are described by
     the first sentence of their docstring, and options in one line, since bash shows one line each.
     """
-    if "--tyro-print-completion" not in typed:
+    if not asks_for_completion(typed):
         yield
         return
     stdout = io.StringIO()
@@ -61,8 +67,8 @@ def _mended(script: str, commands: Mapping[str, type]) -> str:
 def _described(spec: str, commands: Mapping[str, type]) -> str:
     """Replace tyro's description of each command, which is just its name."""
     for name, command in commands.items():
-        sentence = " ".join(str(command.__doc__).split()).partition(". ")[0]
-        text = sentence.rstrip(".").replace("'", "’").replace('"', "")  # safe within shell quotes
+        text = first_sentence(command).rstrip(".")
+        text = text.replace("'", "’").replace('"', "")  # safe within shell quotes
         spec = spec.replace(
             f"'{name}': {{'description': '{name}'", f"'{name}': {{'description': '{text}'"
         )

@@ -13,7 +13,7 @@ from typing import Any, get_args
 import tyro
 
 from simtune.cli.commands import Command
-from simtune.cli.completion import completion_mended
+from simtune.cli.completion import asks_for_completion, completion_mended
 from simtune.cli.help import EXAMPLES, asks_for_help, with_help
 from simtune.config.option_checks import flag
 from simtune.errors import InputError, UnknownName
@@ -35,18 +35,24 @@ def parse(typed: Sequence[str]) -> Any:
     stderr = io.StringIO()
     try:
         with contextlib.redirect_stderr(stderr), completion_mended(typed, commands):
-            config = (tyro.conf.DisallowNone,)  # an optional option is omitted, not set to None
+            is_help = asks_for_help(typed)
             return tyro.cli(  # type: ignore[call-overload]
-                with_help(commands) if asks_for_help(typed) else Command,
+                with_help(commands, typed[0] not in commands) if is_help else Command,
                 prog="simtune",
                 description=EXAMPLES,
                 args=typed,
-                config=config,
+                config=_markers(is_shown=is_help or asks_for_completion(typed)),
             )
     except SystemExit as exit_:
         if not exit_.code:
             raise
         raise InputError(_in_a_line(stderr.getvalue()) + _HELP) from None
+
+
+def _markers(is_shown: bool) -> tuple[Any, ...]:
+    """Tyro's configuration. --no-OPTION is understood, as sweeps type it, and not shown."""
+    disallow_none = tyro.conf.DisallowNone  # an optional option is omitted, not set to None
+    return (disallow_none, tyro.conf.FlagCreatePairsOff) if is_shown else (disallow_none,)
 
 
 def _at_home(word: str) -> str:

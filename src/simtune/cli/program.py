@@ -16,13 +16,12 @@ from simtune.cli.run import check_first, run
 from simtune.columns import counted
 from simtune.config import EvaluateConfig, SweepConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
+from simtune.threads import wait_passively
 
 
 def main() -> None:
     """Exit status: 0 done, 1 failed, 2 unusable input (one line says why), 130 Ctrl-C."""
-    # Set before torch is loaded: threads that spin while waiting make training five times slower
-    # as soon as anything else runs on the machine.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    wait_passively()
     began_s = time.time()
     typed = sys.argv[1:]
     command = None
@@ -105,7 +104,7 @@ def _interrupted(command: Any, began_s: float) -> str:
         return "interrupted; the same command goes on"
     if not isinstance(command, TuneConfig | TrainConfig):
         return "interrupted"
-    if not _is_torch_loaded():  # nor can it be loaded now, once that was interrupted
+    if not _is_torch_loaded():  # no work begins before
         return "interrupted before it began: nothing is lost"
     from simtune.report.words import duration
     from simtune.run.kept import kept_since, kept_state

@@ -29,16 +29,19 @@ _NO_RECORDINGS = (
 
 
 def tune(config: TuneConfig, print_line: PrintLine, typed: Sequence[str]) -> CommandResult:
+    from simtune.experiment.finished import finished_result
     from simtune.progress import ProgressBar
 
     if not any(word.partition("=")[0] == "--real" for word in typed):
         print(_NO_RECORDINGS, file=sys.stderr, flush=True)
     began_s = time.monotonic()
     with ProgressBar(60 * config.budget_minutes) as progress:
-        from simtune.tuning_run import tune  # and torch: up to 20 s on a busy machine
+        result = finished_result(config)
+        if result is None:
+            from simtune.tuning_run import tune  # and torch: up to 20 s on a busy machine
 
-        loading_s = time.monotonic() - began_s
-        result = tune(config, progress, command=_command(typed), loading_s=loading_s)
+            loading_s = time.monotonic() - began_s
+            result = tune(config, progress, command=_command(typed), loading_s=loading_s)
     return _print_result(result, config.out, print_line)
 
 

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from simtune.columns import aligned, counted
+from simtune.columns import aligned, counted, within
+from simtune.report.words import interval
 
 
 def table(result: dict[str, Any]) -> list[str]:
@@ -18,7 +19,8 @@ def table(result: dict[str, Any]) -> list[str]:
 def _cells(name: str, p: dict[str, Any]) -> tuple[str, ...]:
     cells = [name]
     for estimate in p["estimates"]:
-        cells += [f"{estimate['mean']:.4g}", f"[{estimate['low']:.4g}, {estimate['high']:.4g}]"]
+        mean, low, high = (estimate[key] for key in ("mean", "low", "high"))
+        cells += [within(mean, low, high), interval(estimate)]
     return (*cells, f"{p['difference_std']:+.1f} std")
 
 

@@ -31,12 +31,15 @@ class CheckConfig(Prints, PictureOptions, CameraPoseOptions, RecordingsConfig):
     episodes: int | None = None
     """Number of episodes to simulate (by default 5), or to replay from the recordings (by default
     all, at most 10)."""
+    image_size: int | None = None
+    """Height of pictures in pixels; by default 64, or up to 128 if what moves is small, and 240
+    with --camera-pose."""
     seed: int = 0
     """Random seed of the actions and of the initial states of simulated episodes."""
     pictures: Path | None = None
-    """With recordings: FILE.png for their first frames beside the simulator's, and for how joints
-    follow their commands; by default new files in the system's temporary folder, whose names are
-    printed."""
+    """With recordings: a new FILE.png for their first frames beside the simulator's, and for how
+    joints follow their commands; by default new files in the system's temporary folder, whose names
+    are printed."""
 
     def check(self) -> None:
         """Raises InputError for invalid options."""
@@ -70,3 +73,6 @@ class CheckConfig(Prints, PictureOptions, CameraPoseOptions, RecordingsConfig):
             raise InputError(f"--pictures {path}: there is no folder {path.parent}; make it first")
         if path.is_dir():
             raise InputError(f"--pictures {path}: is a folder; name a file")
+        for file in (path, path.with_stem(f"{path.stem}-servos")):
+            if file.exists():
+                raise InputError(f"--pictures {path}: {file} exists already; name a new file")

@@ -16,14 +16,16 @@ class EvaluateConfig(Prints):
 
     For a run of `train`: scores its policy, in its pseudo-real world or in another simulated one,
     as one JSON object.
-    For a run of `tune` with joint readings: --real replays other recordings open loop, each from
-    its first readings, in the simulator before and after tuning.
+    For a run of `tune` whose tuning file has [[sensors]], also one of video alone: --real replays
+    other recordings open loop, each from its first readings, in the simulator before and after
+    tuning.
     """
 
     run_folder: Annotated[Positional[Path], arg(metavar="RUN")]
     """A folder that `simtune train` or `simtune tune` wrote."""
     real: Path | None = None
-    """For a run of `tune`: recordings to replay in its simulator."""
+    """For a run of `tune`: recordings with readings of its [[sensors]], to replay in its simulator.
+    """
     parameters: Path | None = None
     """A JSON file of the parameters of the world to score in, {name: value}, or a run's
     result.json; by default those of the pseudo-real world."""

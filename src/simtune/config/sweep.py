@@ -32,7 +32,8 @@ class SweepConfig(Prints):
     """How often a failed run is tried again before it is listed as failed."""
     ray: str | None = None
     """The address of a Ray cluster that carries out the runs, such as `auto`, instead of workers on
-    this machine; OUT must be a folder that all of its machines share. Needs simtune[ray]."""
+    this machine; OUT must be a folder that all of its machines share. Needs ray:
+    pip install ray."""
     dry_run: bool = False
     """Only run a short pilot of each kind of run, and estimate how long the sweep will take."""
     pilot_minutes: float = 2.0

@@ -36,7 +36,8 @@ class TuneConfig(Prints, PictureOptions, RealConfig):
     precision is reached. What a robot takes to film is not counted."""
     precision: str = "1%"
     """A percentage: stop once half of every 90 % interval is at most this share of the estimate. 0%
-    uses all of the time."""
+    goes on for all four rounds of a search of videos, as far as the time allows. A search of joint
+    readings alone ends once two of its fits agree, whatever this says."""
 
     @property
     def relative_precision(self) -> float:

@@ -31,9 +31,8 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
     config.check()
     if config.real is not None:
         return evaluate_replay(config.run_folder, config.real, config.episodes)
-    stored = _stored(
-        config.run_folder, "; one of `simtune tune` with joint readings needs --real DIR"
-    )
+    refuse_tuned(config.run_folder)
+    stored = _stored(config.run_folder)
     if stored["config"]["real"] != "pseudo" and config.parameters is None:
         raise InputError(
             f"{config.run_folder} is of the real world, where no return is known; give "
@@ -48,6 +47,17 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
     scores, _ = trained.score(world, config.episodes or _EPISODES, config.seed)
     returns = summary(scores.pop("return"))
     return returns | {goal: summary(reached) for goal, reached in scores.items()}
+
+
+def refuse_tuned(run_folder: Path) -> None:
+    """Raises InputError, with what to do, for a run of `tune`, which has no policy to score."""
+    is_run = (run_folder / "config.json").is_file()
+    stored = stored_config(run_folder) if is_run else None
+    if stored and "task" in stored["config"] and "method" not in stored["config"]:
+        raise InputError(
+            f"{run_folder} is of `simtune tune` and has no policy to score: give --real RECORDINGS "
+            "with readings of its tuning file's [[sensors]], which are replayed"
+        )
 
 
 def load_trained(run_folder: Path, settings: Settings | None = None) -> TrainingExperiment:
@@ -77,11 +87,15 @@ def load_trained(run_folder: Path, settings: Settings | None = None) -> Training
         most = trained.learnt_in.max_delay_steps
         trained = replace(trained, found_delay_steps=min(max(0, late), most))
     if not trained.agent.can_act:
-        raise InputError(
-            f"{run_folder} has no policy yet, which begins to learn late in a training: go on with "
-            "it, or give more --policy-steps"
-        )
+        raise InputError(f"{run_folder} has no policy yet: {_what_would_make_one(run_folder)}")
     return trained
+
+
+def _what_would_make_one(run_folder: Path) -> str:
+    """What to do for a policy, which begins to learn late in a training."""
+    if (run_folder / "result.json").is_file():
+        return "its training is finished, and was too short; train anew with more --policy-steps"
+    return "its training is not finished; the same command goes on with it"
 
 
 def _check_unchanged(trained: TrainingExperiment, stored: dict[str, Any], run_folder: Path) -> None:
@@ -108,14 +122,14 @@ def _check_unchanged(trained: TrainingExperiment, stored: dict[str, Any], run_fo
     )
 
 
-def _stored(run_folder: Path, hint: str = "") -> dict[str, Any]:
+def _stored(run_folder: Path) -> dict[str, Any]:
     """config.json of a training, with defaults of options that its version did not have.
 
-    Raises InputError, with a hint, if there is none.
+    Raises InputError if there is none.
     """
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
     if stored is None or "method" not in stored["config"]:
-        raise InputError(f"{run_folder} is no folder that `simtune train` wrote{hint}")
+        raise InputError(f"{run_folder} is no folder that `simtune train` wrote")
     check_names_task(run_folder, stored["config"])
     return stored | {"config": option_defaults(TrainConfig) | stored["config"]}

@@ -80,7 +80,7 @@ def _readable(run: RunData, folder: Path) -> Task:
     """The task of a finished run. Raises InputError if nothing is read in it."""
     refused = InputError(
         f"{folder} has no joint readings to replay: --real goes with a finished run of "
-        "`simtune tune` on a tuning file with [[sensors]]"
+        "`simtune tune` whose tuning file has [[sensors]], also one of video alone"
     )
     if "latency_steps" not in run.result and "sensors" not in run.result:
         raise refused

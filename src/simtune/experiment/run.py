@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from simtune.columns import cut
+from simtune.columns import cut, significant
 from simtune.experiment import outcome
 from simtune.experiment.comparison import write_before_after
 from simtune.experiment.experiment import Experiment
@@ -20,7 +20,7 @@ from simtune.tuning.joint import NUM_DRAWS, Joint
 from simtune.tuning.search import Round
 
 log = logging.getLogger(__name__)
-_TOLD_EARLY = 4  # parameters per line
+_PARAMETERS_PER_LINE = 4
 
 
 class Run:
@@ -47,6 +47,7 @@ class Run:
         self.num_rounds = 0  # of the search
         self.round_s = 0.0  # seconds of the last round
         self.step = 0  # simulated steps, the x axis of logs: all in `tune`, the policy's in `train`
+        self.to_keep: dict[str, Any] = {}  # further JSON for checkpoints
         self._start_s = time.monotonic() if began_s is None else began_s
         self._counts = self._simulated()  # at the start of the present round
 
@@ -89,7 +90,7 @@ class Run:
         self._save({"is_within": True})
 
     def _save(self, own: dict[str, Any]) -> None:
-        state = self.experiment.state() | own | self._counts
+        state = self.experiment.state() | self.to_keep | own | self._counts
         state |= {"step": self.step, "rounds": self.num_rounds, "wall_s": self.wall_s}
         state |= {"round_s": self.round_s, "step_s": self.experiment.real.step_s}
         state |= {"estimate": self.estimate.to_json()}
@@ -118,7 +119,7 @@ class Run:
         estimates = outcome.scalars(experiment.search.distribution, early)
         self.log(len(experiment.recordings), estimates | {"is_early": 1.0})
         rows = zip(experiment.space, early.mean, strict=True)
-        values = cut([f"{p.name} {value:.4g}" for p, value in rows], _TOLD_EARLY)
+        values = cut([f"{p.name} {significant(value)}" for p, value in rows], _PARAMETERS_PER_LINE)
         log.info("a first answer, how sure is not known yet: %s", values)
 
     def finish(

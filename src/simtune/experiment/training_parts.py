@@ -22,7 +22,7 @@ from simtune.tuning.fixed import FixedRange
 from simtune.tuning.readings.horizons import most_latency_steps
 from simtune.vision.keypoints import Keypoints
 
-_ROUNDED = 1e-6  # steps
+_ROUNDING_STEPS = 1e-6
 
 
 def policy_worlds_of(
@@ -54,9 +54,9 @@ def _max_delay_steps(problem: TuningProblem) -> int:
     And by what a camera declares.
     """
     seen, step_s, space = problem.real.observation, problem.simulator.step_s, problem.space
-    declared = math.ceil(declared_late_s(problem) / step_s - _ROUNDED)
+    declared = math.ceil(declared_late_s(problem) / step_s - _ROUNDING_STEPS)
     if space.is_delay.any():
-        return declared + math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDED)
+        return declared + math.ceil(space.high[space.is_delay].max() / step_s - _ROUNDING_STEPS)
     unknown = seen.unknown_latency_steps(problem.simulator)
     by_readings = most_latency_steps(step_s) if unknown and seen.sensors else 0
     return declared + by_readings + unknown

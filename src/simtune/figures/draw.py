@@ -10,12 +10,12 @@ from simtune.validate import is_number
 WIDTH = 300
 LEGEND = 20  # pixels above a plot
 _CHARACTER_PX = 6.4  # approximate width of a label's character
-_KNOWN = (*ORDER, "tune")
+_KNOWN_KINDS = (*ORDER, "tune")
 
 
 def colour(kind: str) -> str:
     """Name of a series' colour in style.css and raster.py."""
-    return kind if kind in _KNOWN else "other"
+    return kind if kind in _KNOWN_KINDS else "other"
 
 
 def draw(figure: Figure) -> Plot:

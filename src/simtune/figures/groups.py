@@ -10,7 +10,7 @@ value are an ablation of its option.
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from simtune.figures.records import Record
@@ -51,6 +51,7 @@ class Setting:
     groups: list[Group]  # one per method, with usual options
     ablations: list[Ablation]
     num_others: int  # runs with more than one unusual option, which are not drawn
+    number: int = 1  # above 1: of settings whose names are alike as names of files
 
     @property
     def title(self) -> str:
@@ -63,6 +64,7 @@ class Setting:
         """The setting's part of file names."""
         parts = [self.task, "" if self.is_training else "tune"]
         parts += ["sim-to-real" if self.is_pretrained else "", "gap" if self.has_gap else ""]
+        parts += [str(self.number) if self.number > 1 else ""]
         return re.sub(r"[^\w.=+-]", "_", "-".join(part for part in parts if part))
 
     @property
@@ -104,7 +106,12 @@ def settings(records: Sequence[Record]) -> list[Setting]:
     for record in records:
         gap, first = (bool(record.config.get(name)) for name in ("real_gap", "pretrain_steps"))
         apart.setdefault((gap, first, not record.is_training, record.task), []).append(record)
-    return [_setting(key, apart[key]) for key in sorted(apart)]
+    found = dict[str, Setting]()
+    for setting in (_setting(key, apart[key]) for key in sorted(apart)):
+        while setting.key in found:
+            setting = replace(setting, number=setting.number + 1)
+        found[setting.key] = setting
+    return list(found.values())
 
 
 def _setting(key: tuple[bool, bool, bool, str], records: list[Record]) -> Setting:

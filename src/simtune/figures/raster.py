@@ -23,13 +23,13 @@ COLOURS = {
     "axis": "#5b6777",
 }
 _DPI = 100
-_SCALE = 2  # pixels per unit of the plot
+_PX_PER_UNIT = 2  # of the plot
 _ANCHORS = {"middle": "center", "end": "right", "start": "left"}
 
 
 def png(plot: Plot) -> bytes:
     """PNG of the plot and its legend, twice as large as the SVG, on white."""
-    scale, bottom = _SCALE / _DPI, plot.height + 4
+    scale, bottom = _PX_PER_UNIT / _DPI, plot.height + 4
     canvas = Canvas(figsize=(plot.width * scale, (bottom + LEGEND) * scale), dpi=_DPI)
     FigureCanvasAgg(canvas)
     axes = canvas.add_axes((0, 0, 1, 1), xlim=(0, plot.width), ylim=(bottom, -LEGEND))
@@ -45,10 +45,10 @@ def _artist(mark: Mark) -> Line2D | Polygon | Circle | Text:
     attributes = mark.attributes
     kind, tone = (*str(attributes.get("class", "axis")).split(), "axis")[:2]
     tone = COLOURS[kind if kind in COLOURS else tone]
-    width = {"series": 2.0, "level": 1.4}.get(kind, 1.0) * 0.72 * _SCALE  # points
+    width = {"series": 2.0, "level": 1.4}.get(kind, 1.0) * 0.72 * _PX_PER_UNIT  # points
     if mark.tag == "text":
         anchor = _ANCHORS[str(attributes["text-anchor"])]
-        size = 11 * 0.72 * _SCALE
+        size = 11 * 0.72 * _PX_PER_UNIT
         x, y = float(attributes["x"]), float(attributes["y"])
         return Text(x, y, mark.words, color=tone, fontsize=size, ha=anchor)
     if mark.tag == "circle":

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 _RESAMPLES = 2000  # for intervals of 95 %, scipy's default
-_FEW = 5  # fewer values have no bootstrap interval
+_MIN_INTERVAL_VALUES = 5  # fewer have no bootstrap interval
 
 
 class Centre(NamedTuple):
@@ -33,7 +33,7 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 
 def centre(values: Sequence[float]) -> Centre:
     """Centre of the values of several seeds; the interval of a single one is NaN."""
-    if not 1 < len(values) < _FEW:
+    if not 1 < len(values) < _MIN_INTERVAL_VALUES:
         return stratified([values])
     mean = float(interquartile_mean(np.asarray(values, float)))
     return Centre(mean, float(min(values)), float(max(values)), len(values))

@@ -2,12 +2,15 @@
 
 from simtune.fit.calibration.bootstrap import FEW_EPISODES, MANY_EPISODES, run_bootstrap
 from simtune.fit.calibration.model_checks import (
+    Unexplained,
     elsewhere_warning,
     has_comparison,
     held_out_misfit,
     is_misshapen,
     is_motion_unexplained,
+    lacks_known_worlds,
     model_checks,
+    what_is_unexplained,
 )
 from simtune.fit.calibration.refits import Refits
 from simtune.fit.calibration.uncertainty import (
@@ -70,6 +73,7 @@ __all__ = [
     "ReplayStage",
     "Split",
     "StateEstimator",
+    "Unexplained",
     "bound_warnings",
     "calibrated",
     "correlated_pairs",
@@ -80,6 +84,7 @@ __all__ = [
     "held_out_misfit",
     "is_misshapen",
     "is_motion_unexplained",
+    "lacks_known_worlds",
     "left_open",
     "model_checks",
     "ranks",
@@ -90,5 +95,6 @@ __all__ = [
     "states_in_late_pictures",
     "timestep_warning",
     "to_range_units",
+    "what_is_unexplained",
     "where_starts_show",
 ]

@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.readings.sensitivity import MOST_EPISODES
 from simtune.observation import AllEvidence
-from simtune.progress import ReportProgress
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.simulation import Points, Rollouts, Simulator
@@ -18,9 +18,9 @@ from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints, find_keypoints
 
 WINDOW_STEPS = 12  # no fit follows chaotic motion for longer
-_LEVELS = 2  # of 256: a pixel that changes by no more looks the same
+_SAME_LEVELS = 2  # of 256: a pixel that changes by no more looks the same
 STILL_PX = 0.01  # less is no motion: a detector's errors are fifty times as large
-_DETECTOR_PX, _SURE = 0.5, 0.98  # assumed error of the detector; its probability of the right place
+_DETECTOR_ERROR_PX, _DETECTOR_PROBABILITY = 0.5, 0.98  # assumed; of the right place
 _NUM_PICTURES = 24
 
 
@@ -32,6 +32,7 @@ class CameraChanges(NamedTuple):
     rms: np.ndarray  # (N,) pixels of keypoint displacement after WINDOW_STEPS steps
     largest: np.ndarray  # (N,)
     information: np.ndarray  # (N, N) Fisher information, in unit coordinates
+    asked_share: float = 1.0  # of the motion: the rest is assumed to tell as much
 
     @classmethod
     def nothing(cls, num: int) -> "CameraChanges":
@@ -46,13 +47,15 @@ def camera_changes(
     seed: int,
     nominal: np.ndarray,
     changed: np.ndarray,
-    report: ReportProgress,
+    budget: Budget,
 ) -> CameraChanges:
     """What cameras see of (N, N) parameters, one of the (N,) `nominal` ones changed in each row.
 
-    Raises RuntimeError if all episodes of (E, T, A) actions diverge.
+    `budget`: for how well the best fit could tell; of motion that it leaves no time for,
+    `asked_share` says so. Raises RuntimeError if all episodes of (E, T, A) actions diverge.
     """
     space, rng = simulator.space, stream(seed, Purpose.CAMERA_CHANGES)
+    budget.report("choosing keypoints", 0.0)
     keypoints = find_keypoints(simulator, first, seed)
     # Episodes that are not played are assumed to tell as much
     more, actions = max(1.0, len(actions) / MOST_EPISODES), actions[:MOST_EPISODES]
@@ -60,17 +63,18 @@ def camera_changes(
     episodes = simulator.roll_out(worlds, actions.astype(float), rng, keypoints.observe)
     if not len(episodes):
         raise RuntimeError("every episode diverged; check the timestep and the actions")
-    report("changing one parameter after the other", 0.6)
+    budget.report("changing one parameter after the other", 0.2)
     levels, share = picture_changes(simulator, episodes, changed)
     moves = ~space.is_appearance
     rms, largest = np.zeros((2, len(space)))
     rms[moves], largest[moves] = motion_changes(simulator, keypoints, episodes, changed[moves])
     moving, information = np.flatnonzero(largest > STILL_PX), np.zeros((len(space),) * 2)
+    asked_share = 1.0
     if len(moving):
-        report("asking how well the best fit could tell", 0.8)
-        best = motion_covariance(simulator, keypoints, episodes, moving)
+        asking = budget.part(budget.seconds, (0.4, 1.0))
+        best, asked_share = motion_covariance(simulator, keypoints, episodes, moving, asking)
         information[np.ix_(moving, moving)] = more * np.linalg.inv(best)
-    return CameraChanges(levels, share, rms, largest, information)
+    return CameraChanges(levels, share, rms, largest, information, asked_share)
 
 
 def picture_changes(
@@ -85,7 +89,7 @@ def picture_changes(
     levels, share = np.zeros((2, len(changed)))
     for i, drawn in enumerate(frames[1:]):
         change = np.abs(drawn - frames[0]).max(-1)
-        changes = change > _LEVELS
+        changes = change > _SAME_LEVELS
         share[i] = changes.mean()
         levels[i] = change[changes].mean() if changes.any() else 0
     return levels, share
@@ -127,9 +131,16 @@ def windows(episodes: Rollouts) -> tuple[np.ndarray, np.ndarray]:
 
 
 def motion_covariance(
-    simulator: Simulator, keypoints: Keypoints | Points, episodes: Rollouts, fitted: np.ndarray
-) -> np.ndarray:
-    """(P, P) covariance in unit coordinates of the `fitted` parameters, at best."""
+    simulator: Simulator,
+    keypoints: Keypoints | Points,
+    episodes: Rollouts,
+    fitted: np.ndarray,
+    budget: Budget | None = None,
+) -> tuple[np.ndarray, float]:
+    """(P, P) covariance in unit coordinates of the `fitted` parameters, at best.
+
+    And the share of the motion that the `budget` had time to ask.
+    """
     physics = Physics(simulator, keypoints.observe, episodes.states[0, 0])
     states = physics.states(episodes.states)
     # A guess is as uncertain as these episodes vary; Shooting multiplies its std by 3.
@@ -138,8 +149,8 @@ def motion_covariance(
     shooting = Shooting(physics, np.maximum(prior_std, 1e-3), fitted, config)
     candidates = episodes.observed.reshape(*states.shape[:2], 1, -1, 2).repeat(2, 2)
     probability = np.zeros(candidates.shape[:-1])
-    probability[:, :, 0] = _SURE
-    noise_px = np.full(len(keypoints), _DETECTOR_PX)
+    probability[:, :, 0] = _DETECTOR_PROBABILITY
+    noise_px = np.full(len(keypoints), _DETECTOR_ERROR_PX)
     tracks = KeypointTracks(candidates, probability, noise_px, simulator.shape)
     observed = Observed(AllEvidence((tracks,)), episodes.actions)
-    return shooting.fisher_covariance(observed, states, episodes.parameters[0])
+    return shooting.fisher_covariance(observed, states, episodes.parameters[0], budget)

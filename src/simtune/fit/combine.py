@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_STUDENT = 4.0  # degrees of freedom of the Student weights that reduce outliers
+_STUDENT_DOF = 4.0  # degrees of freedom: Student weights reduce outliers
 _SMALLEST_VARIANCE, _LARGEST_VARIANCE = 4e-3**2, 0.08**2  # between experiments
 FIRST_VARIANCE = 0.02**2
 _VARIANCE_STEP, _FEWEST_INFORMATIVE = 1.5, 4  # factor of an update; experiments it needs
 _CHI2_MEDIAN = 0.6  # approximate median of χ² / degrees of freedom, for a few of them
 _CHI2_MEDIAN_OF_ONE = 0.455
-_SOFTEST = 0.3  # least m of `combine`: outliers alone would make it 0
-_CLAIM = 2.0  # experiments that the claimed variance counts like, beside the scatter
+_MIN_M = 0.3  # of `combine`: outliers alone would make it 0
+_CLAIM_COUNT = 2.0  # experiments that the claimed variance counts like, beside the scatter
 COMMON_STD = 0.1  # prior standard deviation of common errors, in their own scaled coordinates
-_NOTHING = np.zeros(0)
+_NO_COMMON = np.zeros(0)
 _RIDGE = 1e-6  # of information: keeps it invertible where nothing is known
 _DAMPING_STD = 0.1  # of parameters that are not linear: as if known within a tenth of their range
 
@@ -80,7 +80,7 @@ def combine(
     slope: np.ndarray,
     variance: float,
     trust: np.ndarray,
-    common: np.ndarray = _NOTHING,
+    common: np.ndarray = _NO_COMMON,
 ) -> Combined:
     """Combine W experiments on P parameters and on Q errors that are common to all of them.
 
@@ -110,7 +110,7 @@ def combine(
     between = variance * is_parameter  # (P + Q,)
     prior = np.where(is_parameter, 0.0, COMMON_STD**-2)
     surprise = _surprise(information[:, :num, :num], slope[:, :num], variance)
-    count = trust * (_STUDENT + 1) / (_STUDENT + surprise)  # (W,)
+    count = trust * (_STUDENT_DOF + 1) / (_STUDENT_DOF + surprise)  # (W,)
     shrink = np.linalg.inv(np.eye(size) + between[:, None] * information)  # (W, P + Q, P + Q)
     weighted = count[:, None, None] * (information @ shrink)
     slopes = count[:, None] * np.einsum("wqp,wq->wp", shrink, slope)
@@ -163,8 +163,8 @@ def _next_variance(information: np.ndarray, surprise: np.ndarray, variance: floa
 def _softness(surprise: np.ndarray, weighted: np.ndarray) -> float:
     """m of `combine`, of (W,) distances and (W, P, P) weighted information."""
     by_data = np.trace(weighted, axis1=1, axis2=2)
-    bend = 1 - 2 / weighted.shape[-1] * surprise / (_STUDENT + surprise)
-    return max(_SOFTEST, float(bend @ by_data) / max(by_data.sum(), 1e-300))
+    bend = 1 - 2 / weighted.shape[-1] * surprise / (_STUDENT_DOF + surprise)
+    return max(_MIN_M, float(bend @ by_data) / max(by_data.sum(), 1e-300))
 
 
 def _corrections(shares: np.ndarray, found: float) -> tuple[np.ndarray, np.ndarray]:
@@ -172,12 +172,13 @@ def _corrections(shares: np.ndarray, found: float) -> tuple[np.ndarray, np.ndarr
 
     `shares`: (W, P) of the variance that each experiment accounts for; `found`: unknowns found from
     all. Of a parameter that m = (Σ s)² / Σ s² experiments inform about, f = min(W − found, m − 1)
-    degrees of freedom are left: by scatter m / f, and what is claimed counts like _CLAIM of them.
+    degrees of freedom are left: by scatter m / f, and what is claimed counts like _CLAIM_COUNT of
+    them.
     """
     count = np.square(shares.sum(0)) / np.maximum(np.square(shares).sum(0), 1e-300)  # (P,) m
     freedom = np.clip(np.minimum(len(shares) - found, count - 1), 0, None)
     few = np.maximum(count / np.maximum(freedom, 1), len(shares) / max(1, len(shares) - found))
-    claim = _CLAIM / (_CLAIM + freedom)
+    claim = _CLAIM_COUNT / (_CLAIM_COUNT + freedom)
     return np.sqrt(np.outer(few, few)), np.sqrt(np.outer(claim, claim))
 
 

@@ -9,7 +9,7 @@ from simtune.fit.lateness import is_too_late
 from simtune.parameters import ParameterSpace
 
 _CLEARLY_LATE_STDS, _CLEARLY_LATE_S = 4.0, 1e-3  # both exceeded: pictures are reported as late
-_AT_BOUND = 1e-3  # in unit coordinates
+_BOUND_TOLERANCE = 1e-3  # in unit coordinates
 _ENDED_AT_BOUND = (
     "{} ended at a bound of its range: the truth may lie beyond, or the model lacks something; "
     "give it a wider {} to see"
@@ -39,7 +39,7 @@ def bound_warnings(space: ParameterSpace, unit: np.ndarray, fitted: np.ndarray) 
     what is never negative, or beyond the bounds of a colour.
     """
     ends = [p.low == 0 and p.field_info.is_never_negative for p in space]
-    at_bound = (unit < _AT_BOUND) & ~np.array(ends) | (unit > 1 - _AT_BOUND)
+    at_bound = (unit < _BOUND_TOLERANCE) & ~np.array(ends) | (unit > 1 - _BOUND_TOLERANCE)
     counts = at_bound & fitted & ~space.is_appearance
     return {
         parameter.name: _ENDED_AT_BOUND.format(parameter.name, parameter.bound_keys)

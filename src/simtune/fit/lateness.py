@@ -15,7 +15,7 @@ from simtune.simulation import Simulator
 
 PICTURES, READINGS = "pictures", "readings"
 MOST_STEPS = 0.75  # largest lateness, either way
-_NEARLY_ALL = 0.05  # steps to the end of that range, where it is no longer free
+_END_STEPS = 0.05  # to the end of that range, where it is no longer free
 _PREDICTIONS_PER_STEP = 4  # if there are as many substeps: a wheel may turn far in a step
 
 
@@ -124,7 +124,7 @@ class Lateness:
 
 def is_too_late(late_steps: float) -> bool:
     """Whether a lateness ended at the end of its range, and hides the rest of a delay."""
-    return abs(late_steps) > MOST_STEPS - _NEARLY_ALL
+    return abs(late_steps) > MOST_STEPS - _END_STEPS
 
 
 def _shares(num_substeps: int) -> np.ndarray:

@@ -17,9 +17,9 @@ from simtune.fit.result import PointEstimate
 _PARTICLE_STD = (0.02, 0.1)  # bounds of the particles' parameter spread, in unit coordinates
 _QUICK_STAGES = Stage(4, 3, 3.0), Stage(12, 4)
 _QUICK_WINDOWS = (12, 30)  # bounds
-_LOOKED_AT = 8  # every eighth step is tested for keypoints that something unknown moves
+_LOOK_EVERY_STEPS = 8  # for keypoints that something unknown moves
 # By how much −log likelihood per observation must be lower, and by how many standard errors of that
-_CLEARLY, _SURELY = 0.05, 1.5
+_MIN_GAIN, _MIN_GAIN_STDS = 0.05, 1.5
 
 
 class FollowedAll(NamedTuple):
@@ -74,7 +74,8 @@ def _by_readings(
     """The robot's motion is that of the readings; pictures show the rest."""
     observed = observed.delayed(latency_steps)
     states, offsets = joints.find(observed, setup.estimator(observed), start.parameters)
-    some = states[:, ::_LOOKED_AT].reshape(-1, states.shape[-1])  # a thing may come into view late
+    # A thing may come into view late
+    some = states[:, ::_LOOK_EVERY_STEPS].reshape(-1, states.shape[-1])
     observed = keep_moved_keypoints(
         without_readings(observed),
         setup.physics,
@@ -163,6 +164,6 @@ def clearly_best(misfits: np.ndarray) -> int:
     windows are compared (paired), not two medians.
     """
     worse = misfits - misfits[0]
-    at_best = worse.mean(1) + _SURELY * worse.std(1) / np.sqrt(worse.shape[1])
+    at_best = worse.mean(1) + _MIN_GAIN_STDS * worse.std(1) / np.sqrt(worse.shape[1])
     best = int(np.argmin(at_best))
-    return best if at_best[best] < -_CLEARLY else 0
+    return best if at_best[best] < -_MIN_GAIN else 0

@@ -14,7 +14,7 @@ from simtune.fit.observed import Observed
 from simtune.simulation.other_actions import OtherActions, all_reversed, other_actions
 
 _MOST_CHANGES, _MOST_S = 3, 12.0  # seconds for all together, beyond a budget that may be over
-_BETTER = 1.0  # by which −log likelihood per observation must fall: a third of the distance
+_MIN_GAIN = 1.0  # in −log likelihood per observation: a third of the distance
 _SAID = (
     "This would explain the motion: {}. Then short parts of it end {:.1f} times as near to where "
     "they were seen. If it is so, correct the recorded actions, or what the model makes of them."
@@ -41,7 +41,7 @@ def misread_actions(
     while len(found) < _MOST_CHANGES:
         fits = [best, *_fits_in_time(setup, observed, tried, parameters, latencies)]
         number = clearly_best(np.array([fit.misfit for fit in fits]))
-        if _mean(best) - _mean(fits[number]) < _BETTER:
+        if _mean(best) - _mean(fits[number]) < _MIN_GAIN:
             break
         best, other = fits[number], tried[number - 1]
         observed = replace(observed, actions=other.of(observed.actions))

@@ -11,13 +11,13 @@ from simtune.simulation import Simulator, StateSpace
 from simtune.simulation.held_controls import given
 
 # What a diverged world predicts, in any unit; no joint that turns on and on reads just this
-_NOTHING_LIKE_IT = -1e3 - 1 / 7
-_EXACTLY = 1e-9  # but for the rounding of interpolations
+_DIVERGED_READING = -1e3 - 1 / 7
+_ROUNDING = 1e-9  # relative, of interpolations
 
 
 def is_lost(predicted: np.ndarray) -> np.ndarray:
     """(...) bool of (..., K, D) predictions: whether the world diverged within the K steps."""
-    return np.any(np.isclose(predicted, _NOTHING_LIKE_IT, _EXACTLY, 0.0).all(-1), axis=-1)
+    return np.any(np.isclose(predicted, _DIVERGED_READING, _ROUNDING, 0.0).all(-1), axis=-1)
 
 
 class Physics:
@@ -72,8 +72,9 @@ class Physics:
 
         They begin in (n, nq + nv) states, have (n, N) parameters in unit coordinates and play
         (n, T, A) actions. `actuator_states`: (n, S) of `replay_actuators`, if there were earlier
-        actions. A world that diverges keeps its last state. There are T times
-        `predictions_per_step` predictions after the first one. Raises OutOfTime; see `within`.
+        actions. There are T times `predictions_per_step` predictions after the first one. A world
+        that diverges keeps the states where its physics stopped, and from that step on it predicts
+        what `is_lost` recognises. Raises OutOfTime; see `within`.
         """
         self._budget.check()
         starts = self._full_state if actuator_states is None else actuator_states
@@ -86,7 +87,12 @@ class Physics:
             observe=self._observe,
             observations_per_step=predictions_per_step,
         )
-        return played.states, np.nan_to_num(played.observed, nan=_NOTHING_LIKE_IT)
+        predicted = np.nan_to_num(played.observed, nan=_DIVERGED_READING)
+        for world in np.flatnonzero(played.lengths < actions.shape[1]):
+            # MuJoCo stops at huge numbers more often than at NaN
+            first = 1 + played.lengths[world] * predictions_per_step
+            predicted[world, first:] = _DIVERGED_READING
+        return played.states, predicted
 
     def predict(self, states: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """(n, D) predictions of (n, nq + nv) states, in a world of (N,) parameters."""

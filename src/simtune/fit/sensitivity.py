@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.fit.camera_changes import STILL_PX, CameraChanges, camera_changes
 from simtune.fit.readings.sensitivity import ReadingChanges
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
-from simtune.progress import ReportProgress, silent
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.vision.image_noise import ImageNoise
 
-_FACTOR, _TENTH = 1.2, 0.1  # change of a parameter on a log scale (factor), on a linear one
+_LOG_STEP_FACTOR, _LINEAR_STEP = 1.2, 0.1  # change of a parameter on a log scale, on a linear one
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class Sensitivity:
     readings: ReadingChanges | None = None  # of joints; they count as motion in `motion_std`
     # (N,) `motion_std` if a fit left as little of readings as it may at best; None: it is the same
     motion_std_at_best: np.ndarray | None = None
+    asked_share: float = 1.0  # of the pictures' motion; the rest is assumed to tell as much
 
     @property
     def shows_nothing(self) -> np.ndarray:
@@ -54,11 +55,12 @@ def analyze(
     seed: int,
     observation: ObservationModel,
     readings: ReadingChanges | None = None,
-    report: ReportProgress = silent,
+    budget: Budget | None = None,
 ) -> Sensitivity:
     """At the nominal parameters, in episodes of (E, T, A) actions; `readings`: those of joints.
 
-    Raises RuntimeError if all of them diverge.
+    `budget`: for how well the best fit to motion could tell, see `asked_share`. Raises
+    RuntimeError if all of them diverge.
     """
     space = simulator.space
     nominal = where_analyzed(space)
@@ -69,7 +71,7 @@ def analyze(
     prior = width / np.sqrt(12)  # of a uniform distribution
     information, seen = np.diag(prior**-2), CameraChanges.nothing(len(space))
     if simulator.views:
-        seen = camera_changes(simulator, first, actions, seed, nominal, changed, report)
+        seen = camera_changes(simulator, first, actions, seed, nominal, changed, budget or Budget())
         information += seen.information / np.outer(scale, scale)
     at_best = None
     if readings is not None:
@@ -94,6 +96,7 @@ def analyze(
         sees_pictures=bool(simulator.views),
         readings=readings,
         motion_std_at_best=None if at_best is None else np.sqrt(np.diag(np.linalg.inv(at_best))),
+        asked_share=seen.asked_share,
     )
 
 
@@ -103,7 +106,7 @@ def one_by_one(space: ParameterSpace, parameters: np.ndarray) -> np.ndarray:
     In a narrow range, at most to the farther bound.
     """
     scale = _along_scale(space, space.high) - _along_scale(space, space.low)
-    step = np.where(space.is_log, np.log(_FACTOR) / scale, _TENTH)
+    step = np.where(space.is_log, np.log(_LOG_STEP_FACTOR) / scale, _LINEAR_STEP)
     unit = space.to_unit(parameters)
     moved = np.where(unit + step > 1, unit - step, unit + step)
     changed = np.repeat(unit[None], len(unit), 0)
@@ -134,4 +137,4 @@ def _std_by_colours(
 
 def where_analyzed(space: ParameterSpace) -> np.ndarray:
     """(N,) nominal values, but a tenth of the longest delay for one of 0: motion jumps near 0."""
-    return np.where(space.is_delay & (space.nominal == 0), _TENTH * space.high, space.nominal)
+    return np.where(space.is_delay & (space.nominal == 0), _LINEAR_STEP * space.high, space.nominal)

@@ -11,16 +11,16 @@ from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.physics import Physics
 
 _SIDES = 2  # of the start, from which windows are fitted
-_FEWEST_PARTICLES, _FEWEST_WINDOWS = 32, 20
-_LEAST_PARTICLES, _LEAST_WINDOWS, _LEAST_PICTURES = 16, 12, 20  # if even those take too long
+_MIN_PARTICLES, _MIN_WINDOWS = 32, 20
+_HURRIED_PARTICLES, _HURRIED_WINDOWS, _HURRIED_PICTURES = 16, 12, 20  # if even those take too long
 # Of a fit's time, that all particles may take: they cost little, and where they end decides whether
 # windows arrive. Six of rope_peg's refits of 10 windows left a rope .20, .15 and .12 off, in unit
 # coordinates, after 16, 32 and 64 particles (12.6, 13.0 and 15.5 s).
-_FOR_PARTICLES = 0.25
+_PARTICLES_TIME_SHARE = 0.25
 # Factor on the time of particles and windows, for latencies, offsets and the held-out episode.
-_IN_ALL = 2.0
-_WITH_LONGER = 0.8  # of the most that a fit may take: two refits that take as long have time, too
-_TRIED_WORLDS, _TRIED_STEPS = 64, 12
+_TOTAL_TIME_FACTOR = 2.0
+_LONGER_TIME_SHARE = 0.8  # of a fit's at most: two refits that take as long have time, too
+_TIMED_WORLDS, _TIMED_STEPS = 64, 12
 
 
 class FitWork(NamedTuple):
@@ -42,13 +42,13 @@ class FitConfig:
 
     def at_most(self, num_particles: int, num_windows: int) -> "FitConfig":
         """With no more particles and windows, but never fewer than tell enough."""
-        fewest = max(_FEWEST_PARTICLES, num_particles), max(_FEWEST_WINDOWS, num_windows)
+        fewest = max(_MIN_PARTICLES, num_particles), max(_MIN_WINDOWS, num_windows)
         return self._at_most(*fewest)
 
     def least(self, num_particles: int = 0) -> "FitConfig":
         """With the fewest that tell anything, or as many particles, and no longer windows."""
-        config = self._at_most(max(num_particles, _LEAST_PARTICLES), _LEAST_WINDOWS)
-        num_pictures = min(_LEAST_PICTURES, self.num_pictures)
+        config = self._at_most(max(num_particles, _HURRIED_PARTICLES), _HURRIED_WINDOWS)
+        num_pictures = min(_HURRIED_PICTURES, self.num_pictures)
         shooting = replace(config.shooting, longer=())
         return replace(config, shooting=shooting, num_pictures=num_pictures)
 
@@ -96,28 +96,28 @@ def fit_to_budget(
         of_particles, of_windows = count_fit_steps(sized, work)
         return np.array([begun_step_s / sized.particles.steps * of_particles, step_s * of_windows])
 
-    config = replace(config, longer_within_s=_WITH_LONGER * at_most_s)
+    config = replace(config, longer_within_s=_LONGER_TIME_SHARE * at_most_s)
     particles_s, windows_s = needed_s(config)
     num_particles, num_windows = config.particles.num, count_windows(config, work)
-    share = max(seconds / (particles_s + windows_s), _FOR_PARTICLES * seconds / particles_s)
+    share = max(seconds / (particles_s + windows_s), _PARTICLES_TIME_SHARE * seconds / particles_s)
     share = min(1.0, share)
     of_windows = min(1.0, (seconds - share * particles_s) / windows_s)
     planned = config.at_most(int(share * num_particles), int(of_windows * num_windows))
-    if _IN_ALL * needed_s(planned).sum() <= at_most_s:
+    if _TOTAL_TIME_FACTOR * needed_s(planned).sum() <= at_most_s:
         return planned
-    in_time = min(1.0, _FOR_PARTICLES * at_most_s / _IN_ALL / particles_s)
+    in_time = min(1.0, _PARTICLES_TIME_SHARE * at_most_s / _TOTAL_TIME_FACTOR / particles_s)
     return config.least(int(in_time * num_particles))
 
 
 def _seconds_per_step(physics: Physics, parameters: np.ndarray) -> tuple[float, float]:
     """Per world and policy step in a batch: for several steps in a row, and for a single one."""
-    units = np.repeat(physics.parameters.to_unit(parameters)[None], _TRIED_WORLDS, 0)
-    starts = np.repeat(physics.some_state[None], _TRIED_WORLDS, 0)
-    still = np.zeros((_TRIED_WORLDS, _TRIED_STEPS, physics.simulator.num_actions))
+    units = np.repeat(physics.parameters.to_unit(parameters)[None], _TIMED_WORLDS, 0)
+    starts = np.repeat(physics.some_state[None], _TIMED_WORLDS, 0)
+    still = np.zeros((_TIMED_WORLDS, _TIMED_STEPS, physics.simulator.num_actions))
     full_states, _ = physics.play(starts, units, still)
     starts, seconds = physics.states(full_states[:, -1]), []
-    for count in (_TRIED_STEPS, 1):
+    for count in (_TIMED_STEPS, 1):
         began_s = time.monotonic()
         physics.play(starts, units, still[:, :count])
-        seconds.append((time.monotonic() - began_s) / _TRIED_WORLDS / count)
+        seconds.append((time.monotonic() - began_s) / _TIMED_WORLDS / count)
     return seconds[0], seconds[1]

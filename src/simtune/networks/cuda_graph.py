@@ -6,8 +6,8 @@ import torch
 
 Step = Callable[..., torch.Tensor]  # tensors in, a tensor of losses or actions out
 
-_WARM_UP = 3  # calls before the capture, in which libraries allocate and choose kernels
-CALLS_BEFORE_REPLAY = _WARM_UP + 1
+_WARM_UP_CALLS = 3  # before the capture: in them, libraries allocate and choose kernels
+CALLS_BEFORE_REPLAY = _WARM_UP_CALLS + 1
 
 
 def graphed(step: Step, generator: torch.Generator) -> Step:
@@ -52,7 +52,7 @@ class GraphedStep:
         """The output of `step`, in memory that the next call may overwrite."""
         self._calls += 1
         with torch.cuda.device(self._generator.device):  # streams belong to the current device
-            if self._calls <= _WARM_UP:
+            if self._calls <= _WARM_UP_CALLS:
                 return self._warm_up(*inputs)
             graph = self._graph = self._graph or self._capture(*inputs)
             for buffer, value in zip(self._inputs, inputs, strict=True):

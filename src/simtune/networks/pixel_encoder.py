@@ -8,13 +8,13 @@ from torch.nn import functional
 
 NUM_FEATURES = 50  # of a stack, as in CURL
 _CPU_SLICE = 32  # stacks whose intermediate results fit in a cache, and in reused memory
-_CROPPED = 0.84  # of a picture's side: the paper's 84 pixels of 100
-_ALIGNED = 8  # bfloat16 numbers in the 16 bytes by which a GPU's matrix units read
+_CROP_SHARE = 0.84  # of a picture's side: the paper's 84 pixels of 100
+_ALIGNMENT = 8  # bfloat16 numbers in the 16 bytes by which a GPU's matrix units read
 
 
 def crop_of(image_size: int) -> int:
     """Side of the crops of square pictures, pixels (RAD's, as in the paper's appendix)."""
-    return round(_CROPPED * image_size)
+    return round(_CROP_SHARE * image_size)
 
 
 class PixelConvolutions(nn.Module):
@@ -79,7 +79,7 @@ def _aligned_stacks(frames: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     """(B, K, H, W, 3) uint8 to (B, C, H, W), channels last, the first 3K of C used, others 0."""
     batch, num_stacked, height, width, _ = frames.shape
     used = 3 * num_stacked
-    shape = (batch, height, width, used + -used % _ALIGNED)
+    shape = (batch, height, width, used + -used % _ALIGNMENT)
     pixels = torch.zeros(shape, dtype=dtype, device=frames.device)
     pixels[..., :used].unflatten(-1, (num_stacked, 3)).copy_(frames.permute(0, 2, 3, 1, 4))
     return pixels.permute(0, 3, 1, 2)
@@ -123,7 +123,7 @@ class AlignedLinear(nn.Linear):
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         """(B, inputs) to (B, outputs)."""
-        missing = -self.out_features % _ALIGNED
+        missing = -self.out_features % _ALIGNMENT
         if not input.is_cuda or not missing:
             return super().forward(input)
         weight = functional.pad(self.weight, (0, 0, 0, missing))

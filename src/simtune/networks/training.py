@@ -10,9 +10,9 @@ from torch import nn
 from simtune.budget import Budget
 from simtune.networks.cuda_graph import graphed, make_capturable, set_rate
 
-_WARM_UP = 50  # updates
-_REPORT_EVERY = 20  # updates
-_AVERAGED = 50  # last losses whose mean is logged
+_WARM_UP_UPDATES = 50
+_REPORT_EVERY_UPDATES = 20
+_AVERAGED_LOSSES = 50  # the last ones, whose mean is logged
 
 
 class TrainingClock:
@@ -35,7 +35,7 @@ class TrainingClock:
     def step(self) -> None:
         """Count an update."""
         self.updates += 1
-        if self.updates % _REPORT_EVERY == 0:
+        if self.updates % _REPORT_EVERY_UPDATES == 0:
             self._budget.report(self._doing, self.fraction)
 
     @property
@@ -46,7 +46,7 @@ class TrainingClock:
 
     def learning_rate(self, peak: float) -> float:
         """A short warm-up, then linear to zero."""
-        return peak * min(1.0, (self.updates + 1) / _WARM_UP) * max(0.01, 1 - self.fraction)
+        return peak * min(1.0, (self.updates + 1) / _WARM_UP_UPDATES) * max(0.01, 1 - self.fraction)
 
 
 def train_network(
@@ -77,7 +77,7 @@ def train_network(
         return loss.detach()
 
     step = graphed(update, graph_with) if graph_with else update
-    losses = deque(maxlen=_AVERAGED)
+    losses = deque(maxlen=_AVERAGED_LOSSES)
     while clock.fraction < 1:
         set_rate(optimizer, clock.learning_rate(learning_rate))
         losses.append(step().clone())  # a graph reuses its output's memory

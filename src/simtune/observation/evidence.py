@@ -43,7 +43,7 @@ class Evidence(Protocol):
 
     @property
     def features(self) -> np.ndarray:
-        """(..., K, F) inputs for a network that guesses states, of size about 1."""
+        """(..., K, F) inputs for a network that guesses states, of size about 1; NaN: none."""
         ...
 
     def at(self, index: Any) -> Self:

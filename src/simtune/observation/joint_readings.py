@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-_STUDENT = 4.0  # degrees of freedom: heavy tails keep a lost packet from outweighing the others
+_DOF = 4.0  # of Student's t: heavy tails keep a lost packet from outweighing the others
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,9 @@ class JointReadings:
         finds_offset: bool = False,
     ) -> "JointReadings":
         flat = values.reshape(-1, values.shape[-1])
-        middle, spread = np.nanmean(flat, 0), np.nanstd(flat, 0)
+        is_read = np.isfinite(flat).any(0)
+        known = np.where(is_read, flat, 0.0)  # where nothing was ever read, any mean will do
+        middle, spread = np.nanmean(known, 0), np.nanstd(known, 0)
         return cls(name, unit, values, noise, middle, np.maximum(spread, noise), finds_offset)
 
     @property
@@ -49,8 +51,7 @@ class JointReadings:
 
     @property
     def features(self) -> np.ndarray:
-        """(..., K, D); a missing reading counts as the mean."""
-        return np.nan_to_num((self.values - self.middle) / self.spread)
+        return (self.values - self.middle) / self.spread
 
     def scaled_as(self, other: "JointReadings") -> "JointReadings":
         """The same, with features on the scale of another's, on which a network was trained."""
@@ -62,13 +63,13 @@ class JointReadings:
     def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
         """(...) −(ν + 1) / 2 · log(1 + z² / ν), summed over all readings."""
         square = np.square(self._residuals(predicted, blur))
-        return -(_STUDENT + 1) / 2 * np.log1p(np.nan_to_num(square) / _STUDENT).sum((-1, -2))
+        return -(_DOF + 1) / 2 * np.log1p(np.nan_to_num(square) / _DOF).sum((-1, -2))
 
     def linearize(self, predicted: np.ndarray, blur: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Weights (ν + 1) / (ν + z²), 0 where nothing was read."""
         residuals = self._residuals(predicted, blur)
         known, residuals = np.isfinite(residuals), np.nan_to_num(residuals)
-        return residuals, known * (_STUDENT + 1) / (_STUDENT + np.square(residuals))
+        return residuals, known * (_DOF + 1) / (_DOF + np.square(residuals))
 
     def typical_distance(self, predicted: np.ndarray) -> float:
         distance = np.abs(predicted - self.values)

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from simtune.between_rows import read_between
+from simtune.between_rows import read_nearest
 from simtune.errors import InputError
 from simtune.observation.joint_readings import JointReadings
 
-_STATE = "observation.state."  # a feature's prefix in a LeRobotDataset
-_USUAL_NOISE = 1e-3  # rad, m, or those per second: for an encoder of unknown noise
+_STATE_PREFIX = "observation.state."  # of a feature in a LeRobotDataset
+_DEFAULT_NOISE_STD = 1e-3  # rad, m, or those per second: for an encoder of unknown noise
+_ROUNDING_ROWS = 1e-6  # by which a latency of whole rows may miss them
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class JointSensor:
         """(D,) names of the numbers in a written recording."""
         if len(self.columns) != self.size:
             return self.joints
-        return tuple(column.removeprefix(_STATE) for column in self.columns)
+        return tuple(column.removeprefix(_STATE_PREFIX) for column in self.columns)
 
     @property
     def size(self) -> int:
@@ -62,7 +62,7 @@ class JointSensor:
 
     @property
     def noise_or_usual(self) -> float | np.ndarray:
-        return _USUAL_NOISE if self.noise is None else self.noise
+        return _DEFAULT_NOISE_STD if self.noise is None else self.noise
 
     @property
     def periods(self) -> np.ndarray:
@@ -116,24 +116,14 @@ class JointSensor:
 
 
 def advanced(values: np.ndarray, steps: float) -> np.ndarray:
-    """(T, D): row t is what `values` are `steps` rows later, interpolated; NaN beyond the ends.
+    """(T, D): row t is what `values` are `steps` rows later; NaN beyond the ends, and in gaps.
 
-    A cubic spline, since a straight line errs by more than an encoder's noise: 6 mrad at 20 rad/s²
-    and 20 rows per second. Columns with gaps are interpolated linearly, not across long gaps.
+    Each reading is moved to the row nearest to its new time, so an encoder slower than rows has as
+    many as before; see `read_nearest`.
     """
     rows = np.arange(len(values), dtype=float)
-    at, columns = rows + steps, []
-    for column in values.T:
-        (known,) = np.nonzero(np.isfinite(column))
-        # An encoder may be slower than rows; that is no gap
-        is_even = len(known) > 1 and np.ptp(np.diff(known)) == 0
-        if is_even:
-            curve = CubicSpline(rows[known], column[known])
-            inside = (at >= known[0]) & (at <= known[-1])
-            columns.append(np.where(inside, curve(at), np.nan))
-        else:
-            columns.append(read_between(at, rows, column))
-    return np.stack(columns, -1)
+    moved = [read_nearest(rows + steps, rows, column, _ROUNDING_ROWS) for column in values.T]
+    return np.stack(moved, -1)
 
 
 def measured_places(sensors: Iterable[JointSensor]) -> list[int]:

@@ -9,7 +9,7 @@ import numpy as np
 
 # What reveals a value: the pixels only (it moves nothing), any single picture, or motion only
 Shows = Literal["appearance", "picture", "motion"]
-_FACTOR = 10.0  # a positive number is searched from nominal / 10 to nominal · 10, on a log scale
+_RANGE_FACTOR = 10.0  # a positive number is searched from nominal / 10 to nominal · 10
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Field:
         within = min(self.within, self.within_of_slides) if is_slide else self.within
         low, high = max(self.least, nominal - within), min(self.most, nominal + within)
         if not (isfinite(low) or isfinite(high) or self.name.endswith("_pos")) and nominal > 0:
-            return nominal / _FACTOR, nominal * _FACTOR, "log"
+            return nominal / _RANGE_FACTOR, nominal * _RANGE_FACTOR, "log"
         return low if isfinite(low) else None, high if isfinite(high) else None, "linear"
 
     def read(self, model: mujoco.MjModel) -> np.ndarray:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from simtune.columns import aligned
 from simtune.errors import InputError, UnknownName
 from simtune.parameters.parameter import Parameter
 from simtune.validate import is_number
@@ -42,6 +43,14 @@ class ParameterSpace:
 
     def __getitem__(self, name: str) -> Parameter:
         return self.parameters[self.index(name)]
+
+    def __repr__(self) -> str:
+        """A table, a line for each."""
+        rows: list[tuple[str, ...]] = [("parameter", "unit", "nominal", "low", "high", "scale")]
+        for p in self.parameters:
+            numbers = (f"{value:.4g}" for value in (p.nominal, p.low, p.high))
+            rows.append((p.name, p.unit, *numbers, p.scale))
+        return "\n".join(aligned(rows, left=(0, 1, 5)))
 
     def index(self, name: str) -> int:
         """Position of a parameter. Raises UnknownName."""

@@ -12,10 +12,10 @@ from simtune.parameters.joint_types import FREE, HINGE_OR_SLIDE
 
 _CAM = mujoco.mjtCamLight
 _SHAPED_BY_ASSETS = (mujoco.mjtGeom.mjGEOM_MESH.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
-_AIMED = (_CAM.mjCAMLIGHT_TARGETBODY.value, _CAM.mjCAMLIGHT_TARGETBODYCOM.value)
-_PLACES = ("body_pos", "body_quat")
-_OF_MOVING = ("body_mass", "body_inertia", "body_gravcomp")
-_ZEROS = ("qpos0", "qpos_spring")
+_AIMED_MODES = (_CAM.mjCAMLIGHT_TARGETBODY.value, _CAM.mjCAMLIGHT_TARGETBODYCOM.value)
+_PLACE_FIELDS = ("body_pos", "body_quat")
+_MOVING_BODY_FIELDS = ("body_mass", "body_inertia", "body_gravcomp")
+_ZERO_FIELDS = ("qpos0", "qpos_spring")
 # Limits, as MJCF calls them: MuJoCo ignores the numbers of one that is off (`*_limited`)
 _LIMITS = {
     **dict.fromkeys(("jnt_range", "tendon_range"), "range"),
@@ -41,17 +41,17 @@ _WITHOUT_EFFECT: tuple[tuple[tuple[str, ...], Callable[[mujoco.MjModel, int], bo
         'has no drag of its own: give it fluidshape="ellipsoid" in the model',
     ),
     (
-        (*_PLACES, "body_ipos", "body_iquat"),
+        (*_PLACE_FIELDS, "body_ipos", "body_iquat"),
         lambda _, body: body == 0,
         "is what everything else is placed in: move that instead",
     ),
     (
-        _PLACES,
+        _PLACE_FIELDS,
         _is_free,
         "is free, so it lies where its start says, not where its body does: see [initial_state]",
     ),
     (
-        _PLACES,
+        _PLACE_FIELDS,
         lambda model, body: model.body_mocapid[body] >= 0,
         "is a mocap body, which a state places, not the model: move what is inside it instead",
     ),
@@ -67,7 +67,7 @@ _WITHOUT_EFFECT: tuple[tuple[tuple[str, ...], Callable[[mujoco.MjModel, int], bo
     ),
     (
         ("cam_quat",),
-        lambda model, camera: model.cam_mode[camera] in _AIMED,
+        lambda model, camera: model.cam_mode[camera] in _AIMED_MODES,
         "turns by itself, towards a body, so no angle of it can be tuned",
     ),
     (
@@ -92,9 +92,9 @@ def why_not_tunable(field: Field, model: mujoco.MjModel, rows: np.ndarray, name:
     for fields, is_without, why in _WITHOUT_EFFECT:
         if field.name in fields and is_without(model, int(rows[0])):
             return f"{name} {why}"
-    if field.name in _OF_MOVING and model.body_weldid[rows].item() == 0:
+    if field.name in _MOVING_BODY_FIELDS and model.body_weldid[rows].item() == 0:
         return f"{name} cannot move, so its {field.name[5:]} changes nothing"
-    if field.name in _ZEROS and model.joint(name).type[0] not in HINGE_OR_SLIDE:
+    if field.name in _ZERO_FIELDS and model.joint(name).type[0] not in HINGE_OR_SLIDE:
         return f"{name} is neither a hinge nor a slide, so it has no one zero"
     if field.form == "negative" and model.actuator_biasprm[rows, 1].item() >= 0:
         return f"{name} is no servo of positions (<position>), so it has no damping of its own"

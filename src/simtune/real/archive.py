@@ -17,7 +17,7 @@ from simtune.recordings import Dataset, open_dataset, write_dataset
 from simtune.run.files import append_jsonl, write_json
 from simtune.trajectory import Trajectory
 
-_NEW, _OLD = ".new", ".old"  # endings of hidden folders while a dataset is replaced
+_NEW_SUFFIX, _OLD_SUFFIX = ".new", ".old"  # of hidden folders while a dataset is replaced
 
 
 class RecordingArchive:
@@ -64,7 +64,7 @@ class RecordingArchive:
         """{name: folder} of each session, in order; nothing is changed."""
         if not self.folder.is_dir():
             return {}
-        found = {_replaced(old).name: _whole(old) for old in self.folder.glob(f".*{_OLD}")}
+        found = {_replaced(old).name: _whole(old) for old in self.folder.glob(f".*{_OLD_SUFFIX}")}
         # Other hidden folders are datasets that were being written when the process was killed.
         folders = (path for path in self.folder.iterdir() if not path.name.startswith("."))
         found |= {path.name: path for path in folders if (path / "meta").is_dir()}
@@ -87,7 +87,9 @@ class RecordingSession:
         """Write the dataset again, with one more episode."""
         _tidy(self.folder.parent)
         self._trajectories.append(trajectory)
-        new, old = (self.folder.with_name(f".{self.folder.name}{n}") for n in (_NEW, _OLD))
+        new, old = (
+            self.folder.with_name(f".{self.folder.name}{n}") for n in (_NEW_SUFFIX, _OLD_SUFFIX)
+        )
         # It is rewritten as a whole: episodes are few and short, and the robot stands still.
         write_dataset(new, self._trajectories, **self._about)
         if self.folder.exists():
@@ -107,7 +109,7 @@ def _noted(dataset: Path) -> Path:
 
 def _tidy(folder: Path) -> None:
     """Finish replacing datasets, where the process was killed amid it."""
-    for old in folder.glob(f".*{_OLD}"):
+    for old in folder.glob(f".*{_OLD_SUFFIX}"):
         if not (dataset := _replaced(old)).exists():
             os.replace(_whole(old), dataset)
         shutil.rmtree(old, ignore_errors=True)
@@ -115,7 +117,7 @@ def _tidy(folder: Path) -> None:
 
 def _replaced(old: Path) -> Path:
     """The dataset in whose place `old` was."""
-    return old.with_name(old.name.removeprefix(".").removesuffix(_OLD))
+    return old.with_name(old.name.removeprefix(".").removesuffix(_OLD_SUFFIX))
 
 
 def _whole(old: Path) -> Path:
@@ -123,7 +125,7 @@ def _whole(old: Path) -> Path:
 
     `old` was moved only once the new one was written.
     """
-    new = old.with_name(f"{old.name.removesuffix(_OLD)}{_NEW}")
+    new = old.with_name(f"{old.name.removesuffix(_OLD_SUFFIX)}{_NEW_SUFFIX}")
     return new if new.exists() else old
 
 

@@ -11,7 +11,7 @@ from simtune.real.turnings import turnings_of
 from simtune.recordings import Dataset, open_dataset
 from simtune.tasks import AnyTask, Task
 
-_OTHER_ORDER = 50.0  # factor between the duration of recorded steps and the task's
+_MAX_DURATION_RATIO = 50.0  # between recorded steps and the task's
 
 
 def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) -> ObservationModel:
@@ -61,7 +61,7 @@ def open_recordings(
 
 def _check_pace(dataset: Dataset, task: AnyTask) -> None:
     """Raises InputError for steps of another order than the task's, which take hours to play."""
-    if max(ratio := dataset.step_s / task.step_s, 1 / ratio) > _OTHER_ORDER:
+    if max(ratio := dataset.step_s / task.step_s, 1 / ratio) > _MAX_DURATION_RATIO:
         raise InputError(
             f"{dataset.where}: its rows come {1 / dataset.step_s:.3g} times a second, and "
             f"{task.name} takes {1 / task.step_s:.3g} steps; are its times in seconds? If so, say "

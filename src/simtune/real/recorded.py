@@ -9,7 +9,7 @@ from simtune.real import RealWorld
 from simtune.recordings import Dataset
 from simtune.trajectory import Trajectory
 
-_A_FEW = 10  # episodes read if no number is given: more would mostly cost memory
+_DEFAULT_EPISODES = 10  # if no number is given: more would mostly cost memory
 
 
 class RecordedReal(RealWorld):
@@ -74,7 +74,7 @@ def how_many(dataset: Dataset, asked: int | None) -> int:
     """Number of episodes to read; `asked` None: a few. Raises InputError if there are fewer."""
     there = dataset.num_episodes
     if asked is None:
-        return min(there, _A_FEW)
+        return min(there, _DEFAULT_EPISODES)
     if not 1 <= asked <= there:
         besides = " besides those left out" if dataset.num_left_out else ""
         raise InputError(

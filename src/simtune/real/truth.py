@@ -7,6 +7,7 @@ import numpy as np
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, percent_error
 from simtune.random_streams import Purpose, stream
+from simtune.randomization import size_of
 from simtune.real.gap import RealityGap
 from simtune.real.pseudo import PseudoReal
 from simtune.simulation import AnySimulator
@@ -44,11 +45,15 @@ class Truth:
 
         The default, twice or half the truth, is as in Sec. VI-A. Where one of these is beyond a
         bound, as of a colour above .5, it is the other; the paper's colours stop at 1 instead, so
-        that some start at their truth.
+        that some start at their truth. What may be negative, or is 0, starts a part of its range
+        away: half of `size_of`.
         """
         space, real = self._space, self._parameters
         is_high = stream(seed, Purpose.WRONG_START).random(len(space)) < 0.5
-        above, below = real * factor, real / factor
+        away = size_of(space, real) / 2
+        has_no_factor = (space.low < 0) | (real == 0)
+        above = np.where(has_no_factor, real + away, real * factor)
+        below = np.where(has_no_factor, real - away, real / factor)
         is_high = np.where(above > space.high, False, np.where(below < space.low, True, is_high))
         return space.clip(np.where(is_high, above, below))
 

@@ -20,7 +20,7 @@ from simtune.recordings.source import (
 )
 
 ENDING = ".npz"  # case-insensitive
-_OF_ACTIONS = ("actions", "action_names", "hz")
+_ACTION_KEYS = ("actions", "action_names", "hz")
 
 
 class ArraysSource:
@@ -52,7 +52,7 @@ class ArraysSource:
         self.readings: Sequence[Reading] = [
             reading
             for key in sorted(first.arrays)
-            if key not in _OF_ACTIONS and not is_camera(key)
+            if key not in _ACTION_KEYS and not is_camera(key)
             for reading in readings_of(key, (), first.width(key))
         ]
 

@@ -26,7 +26,7 @@ from simtune.recordings.source import (
 )
 from simtune.recordings.time_stamps import not_rising
 
-_OTHER_CLOCK = 10  # times as late as the video's end: milliseconds, or seconds since 1970
+_OTHER_CLOCK_RATIO = 10  # to the video's end: milliseconds, or seconds since 1970
 VIDEOS, TABLE = (".mp4", ".mov"), ".csv"  # case-insensitive
 
 
@@ -192,7 +192,7 @@ class PairsSource:
         step_s = typical_step_s(times_s)
         spare_s = max(step_s, frame_s)
         if times_s[-1] > seen_s[-1] + 1.02 * spare_s:
-            is_other = times_s[-1] > _OTHER_CLOCK * (seen_s[-1] + spare_s)
+            is_other = times_s[-1] > _OTHER_CLOCK_RATIO * (seen_s[-1] + spare_s)
             asks = "are its times in seconds, and counted from there" if is_other else ""
             raise InputError(
                 f"{path}: actions until {times_s[-1]:.10g} s, {self._video(episode).name} ends at "

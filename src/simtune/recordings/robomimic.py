@@ -31,8 +31,8 @@ _BLOCK_BYTES = 1 << 24  # size of pictures read at once, since a compressed chun
 class RobomimicSource:
     """A file in robomimic's layout. Row t is a picture and the action applied after it.
 
-    `fps` is the rate of a file whose env_args do not tell it. Raises InputError if the file has
-    another layout, or h5py is not installed.
+    The file is open only while it is read. `fps` is the rate of a file whose env_args do not tell
+    it. Raises InputError if the file has another layout, or h5py is not installed.
     """
 
     kind = "robomimic HDF5"
@@ -48,12 +48,11 @@ class RobomimicSource:
     ):
         self.path = path
         self.files: Sequence[Path] = [path]
-        self._file = hdf5.open_file(path)
-        with hdf5.sound(path):
-            data = self._file.get("data", {})
+        with hdf5.open_file(path) as file, hdf5.sound(path):
+            data = file.get("data", {})
             names = [name for name in hdf5.keys(data) if name.startswith("demo_")]
             if not names:
-                act = "observations" in hdf5.keys(self._file)
+                act = "observations" in hdf5.keys(file)
                 hint = "; ACT's files are converted by lerobot, or saved as arrays" if act else ""
                 raise InputError(
                     f"{path}: holds no episode; expected groups /data/demo_0, ...{hint} "
@@ -62,14 +61,13 @@ class RobomimicSource:
             self.episodes: Sequence[str] = sorted(names, key=lambda name: (len(name), name))
             self.kept = kept_episodes(path, self.episodes, leave_out)
             self.robot_type, own_fps = _environment(data.attrs.get("env_args"))
-            observed = self._observed()
+            observed = self._observed(file)
             self.camera = self._choose_camera(observed, camera) if pictures else None
             self.readings: Sequence[Reading] = [
                 reading for key in observed for reading in _readings(key, observed[key])
             ]
-        self.action_names = tuple(
-            f"action_{i}" for i in range(self._actions(self.kept[0]).shape[1])
-        )
+            num_actions = self._actions(file, self.kept[0]).shape[1]
+        self.action_names = tuple(f"action_{i}" for i in range(num_actions))
         self.fps = own_fps or fps or 0.0
         if not self.fps:
             raise InputError(
@@ -80,25 +78,34 @@ class RobomimicSource:
         return "raw"
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
-        where, actions = self._where(episode), self._actions(episode)
+        with hdf5.open_file(self.path) as file:
+            return self._rows(file, episode, readings)
+
+    def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
+        with hdf5.open_file(self.path) as file:
+            yield from self._pictures_at(self._pictures(file, episode), episode, times_s)
+
+    def _rows(self, file: Any, episode: int, readings: Sequence[Reading]) -> Rows:
+        where, actions = self._where(episode), self._actions(file, episode)
         if actions.shape[1] != (num := len(self.action_names)):
             raise InputError(
                 f"{where}: expected actions (T, {num}), as in {self._first}, got "
                 f"{actions.shape}; give all the same actions, or leave the demo out"
             )
-        num_pictures = len(actions) if self.camera is None else len(self._pictures(episode))
+        num_pictures = len(actions) if self.camera is None else len(self._pictures(file, episode))
         if num_pictures != len(actions) or len(actions) < 2:
             raise InputError(
                 f"{where} has {len(actions)} actions and {num_pictures} pictures; "
                 "expected as many, at least 2, a picture before each"
             )
         times_s = np.arange(len(actions)) / self.fps
-        read = functools.partial(self._observation, episode, num_rows=len(actions))
+        read = functools.partial(self._observation, file, episode, num_rows=len(actions))
         found = gather(readings, len(actions), read)
         return Rows(hdf5.read_floats(where, actions), times_s, float(times_s[-1]), found)
 
-    def pictures(self, episode: int, times_s: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
-        stored = self._pictures(episode)
+    def _pictures_at(
+        self, stored: Any, episode: int, times_s: np.ndarray
+    ) -> Iterator[tuple[float, np.ndarray]]:
         size = max(1, _BLOCK_BYTES // math.prod(stored.shape[1:]))
         block, first = np.empty((0,)), 0
         for row in nearest_rows(self._where(episode), times_s, self.fps, len(stored)):
@@ -116,12 +123,12 @@ class RobomimicSource:
         """The episode's name in messages."""
         return f"{self.path}: {self.episodes[episode]}"
 
-    def _stored(self, episode: int, key: str) -> Any:
+    def _stored(self, file: Any, episode: int, key: str) -> Any:
         group = f"data/{self.episodes[episode]}"
-        return hdf5.stored(self._where(episode), self._file, group, key)
+        return hdf5.stored(self._where(episode), file, group, key)
 
-    def _actions(self, episode: int) -> Any:
-        stored = self._stored(episode, "actions")
+    def _actions(self, file: Any, episode: int) -> Any:
+        stored = self._stored(file, episode, "actions")
         if stored.ndim != 2 or len(stored) > MOST_ROWS or not 0 < stored.shape[1] <= MOST_ACTIONS:
             raise InputError(
                 f"{self._where(episode)}: expected actions (T, A) with T up to {MOST_ROWS} and A "
@@ -129,8 +136,8 @@ class RobomimicSource:
             )
         return stored
 
-    def _pictures(self, episode: int) -> Any:
-        stored = self._stored(episode, f"obs/{self.camera}")
+    def _pictures(self, file: Any, episode: int) -> Any:
+        stored = self._stored(file, episode, f"obs/{self.camera}")
         if not hdf5.is_pictures(stored) or math.prod(stored.shape[1:3]) > MOST_PIXELS:
             raise InputError(
                 f"{self._where(episode)}: expected obs/{self.camera} as (T, H, W, 3) uint8, "
@@ -138,9 +145,9 @@ class RobomimicSource:
             )
         return stored
 
-    def _observation(self, episode: int, key: str, num_rows: int) -> np.ndarray:
+    def _observation(self, file: Any, episode: int, key: str, num_rows: int) -> np.ndarray:
         """(T, D) observation `key`, which must have the first used episode's width D."""
-        where, stored = self._where(episode), self._stored(episode, f"obs/{key}")
+        where, stored = self._where(episode), self._stored(file, episode, f"obs/{key}")
         width = sum(reading.key == key for reading in self.readings)
         if _width(stored) != width or len(stored) != num_rows:
             raise InputError(
@@ -149,9 +156,9 @@ class RobomimicSource:
             )
         return hdf5.read_floats(where, stored).reshape(num_rows, width)
 
-    def _observed(self) -> dict[str, Any]:
+    def _observed(self, file: Any) -> dict[str, Any]:
         """{key: dataset} of the first used episode's obs."""
-        demo = self._file["data"][self._first]
+        demo = file["data"][self._first]
         observed = demo.get("obs", {}) if hdf5.keys(demo) else {}
         return {key: observed.get(key) for key in hdf5.keys(observed)}
 

@@ -10,8 +10,8 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.recordings.video import MOST_PIXELS, TO_RGB
 
-_BEGINS = {"png": b"\x89PNG\r\n\x1a\n", "jpeg": b"\xff\xd8\xff"}
-_END = 0xD9  # a JPEG's last marker
+_SIGNATURES = {"png": b"\x89PNG\r\n\x1a\n", "jpeg": b"\xff\xd8\xff"}
+_END_MARKER = 0xD9  # of a JPEG
 # Of a segment, or the end; what else follows FF is part of coded pixels, or fills up
 _MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
 _DAMAGED = "a picture is damaged; copy the file again"
@@ -19,7 +19,7 @@ _DAMAGED = "a picture is damaged; copy the file again"
 
 def kind_of(data: bytes) -> str:
     """png or jpeg. Raises InputError if it is another file."""
-    for kind, begin in _BEGINS.items():
+    for kind, begin in _SIGNATURES.items():
         if data.startswith(begin):
             return kind
     raise InputError("a picture is neither PNG nor JPEG; write it anew as one")
@@ -55,6 +55,6 @@ def decode_picture(data: bytes) -> np.ndarray:
 def _has_end(data: bytes) -> bool:
     """Whether a JPEG's segments lead to its end, whatever comes after."""
     at = 2
-    while (marker := _MARKER.search(data, at)) and marker[0][1] != _END:
+    while (marker := _MARKER.search(data, at)) and marker[0][1] != _END_MARKER:
         at = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2])
     return marker is not None

@@ -4,7 +4,7 @@ import numpy as np
 
 from simtune.recordings.source import Lines
 
-_MOSTLY = 0.5  # of the time that an episode lasts: a longer gap is no pause
+_MAX_PAUSE_SHARE = 0.5  # of the time that an episode lasts: a longer gap is no pause
 
 
 def not_rising(times_s: np.ndarray, row: int, lines: Lines, since: str = "") -> str:
@@ -28,7 +28,7 @@ def jump(times_s: np.ndarray, lines: Lines | None) -> str:
         return ""
     gaps = np.diff(times_s)
     row = int(gaps.argmax())
-    if gaps[row] < _MOSTLY * (times_s[-1] - times_s[0]):
+    if gaps[row] < _MAX_PAUSE_SHARE * (times_s[-1] - times_s[0]):
         return ""
     first, then = (row, row + 1) if lines is None else lines.numbers[row : row + 2]
     what = "rows" if lines is None else "lines"

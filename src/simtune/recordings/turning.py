@@ -7,7 +7,7 @@ import numpy as np
 
 from simtune.recordings.resample import counted_on
 
-_SMALL, _NEARLY_A_TURN = 0.25, 0.75  # of a turn, from row to row
+_SMALL_TURN, _NEARLY_A_TURN = 0.25, 0.75  # of a turn, from row to row
 
 
 class Turning(NamedTuple):
@@ -50,7 +50,7 @@ def _counted_on(commands: np.ndarray, seen: np.ndarray, period: float) -> np.nda
     counted, known = np.unwrap(commands, period=period), np.isfinite(seen)
     if not known.any():
         steps = np.abs(np.diff(commands)) / period
-        return counted if ((steps < _SMALL) | (steps > _NEARLY_A_TURN)).all() else commands
+        return counted if ((steps < _SMALL_TURN) | (steps > _NEARLY_A_TURN)).all() else commands
     counted -= period * np.rint(np.median((counted - seen)[known]) / period)
     off, counted_off = (np.abs(c - seen)[known].mean() for c in (commands, counted))
     # Farther off are readings in another unit, or of another joint

@@ -11,7 +11,8 @@ from simtune.simulation import Rollouts
 class Episodes:
     """n simulated episodes of at most T steps, each in its own world.
 
-    Values after an episode's `lengths` steps are arbitrary, and never read.
+    After an episode's `lengths` steps values are arbitrary, and nothing learns from them. Rewards
+    are 0 there, since a return is the sum of all T (see `rollout._charge_failures`).
     """
 
     parameters: np.ndarray  # (n, N) of each episode's world, in their units

@@ -15,8 +15,8 @@ from simtune.simulation import StrayLight
 # `Simulator.render`
 Film = Callable[[np.ndarray, np.ndarray, StrayLight], np.ndarray]
 
-_OF_ALL = ("parameters", "lengths", "terminated", "states", "actions", "rewards")
-_OF_FILMED = ("full_states", "keypoints", "stray")  # frames are not saved: they can be drawn again
+_FIELDS_OF_ALL = ("parameters", "lengths", "terminated", "states", "actions", "rewards")
+_FIELDS_OF_FILMED = ("full_states", "keypoints", "stray")  # frames can be drawn again
 _CAPACITIES = ("filmed_capacity", "unfilmed_capacity")
 
 
@@ -105,7 +105,11 @@ class EpisodeStore:
         episodes = episodes.take(not_empty[-capacity:])
         by_age = self._numbers[first : first + capacity].argsort(stable=True)
         slots = first + by_age[: len(episodes)]
-        names = _OF_ALL if episodes.frames is None else (*_OF_ALL, *_OF_FILMED, "frames")
+        names = (
+            _FIELDS_OF_ALL
+            if episodes.frames is None
+            else (*_FIELDS_OF_ALL, *_FIELDS_OF_FILMED, "frames")
+        )
         arrays = {name: getattr(episodes, name) for name in names}
         if episodes.frames is not None and episodes.stray is None:
             arrays["stray"] = StrayLight.none(len(episodes)).to_rows()
@@ -140,7 +144,7 @@ class EpisodeStore:
             return {}
         stored = {"slots": slots, "numbers": self._numbers[slots]}
         filmed = slots[slots < self.filmed_capacity]
-        for names, kept in ((_OF_ALL, slots), (_OF_FILMED, filmed)):
+        for names, kept in ((_FIELDS_OF_ALL, slots), (_FIELDS_OF_FILMED, filmed)):
             arrays = {name: getattr(self, name) for name in names}
             stored |= {name: array[kept.to(array.device)] for name, array in arrays.items()}
         return stored
@@ -164,9 +168,9 @@ class EpisodeStore:
         if tensors:
             slots = tensors["slots"]
             self._numbers[slots] = tensors["numbers"]
-            self._write(slots, {name: tensors[name] for name in _OF_ALL})
+            self._write(slots, {name: tensors[name] for name in _FIELDS_OF_ALL})
             filmed = slots[slots < self.filmed_capacity]
-            self._write(filmed, {name: tensors[name] for name in _OF_FILMED})
+            self._write(filmed, {name: tensors[name] for name in _FIELDS_OF_FILMED})
             for slot in filmed:  # one at a time: pictures are large
                 self._film(slot, film)
         self._locate_steps()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from simtune.config import UNTUNED
+from simtune.config import NO_RECORDINGS, UNTUNED
 from simtune.errors import InputError
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.sources import changed_sources, other_readers, source_of
@@ -50,7 +50,7 @@ class RunData:
     curves: dict[str, dict[str, list[float]]]
     posterior: Posterior | None
     videos: dict[str, bytes]  # mp4 files by name
-    replay: dict[str, Any]  # the first episode's joint readings; empty if there are none
+    replay: dict[str, Any]  # one episode's joint readings; empty if there are none
 
     def load_task(self) -> "AnyTask":
         """The tuned task, from the copies that the run keeps, or else from the original files.
@@ -130,6 +130,11 @@ class RunData:
     def is_out_of_time(self) -> bool:
         """Whether the run ended because its time was over."""
         return self.result.get("stopped") == TIME_IS_OVER
+
+    @property
+    def films_anew(self) -> bool:
+        """Whether a training films again with what it has learnt; the latest then come first."""
+        return "policy_steps" in self.config and self.config.get("real") in NO_RECORDINGS
 
     @property
     def is_tuned(self) -> bool:

@@ -57,6 +57,7 @@ def _page(run: RunData) -> str:
         comparisons=precision_table.compare(run),
         pairs=trust.pairs(run),
         poses=trust.poses(run),
+        enough_worlds=rank_plots.ENOUGH_WORLDS,
         identified_share=IDENTIFIED_SHARE,
         weak_share=WEAK_SHARE,
         config=json.dumps(run.config, indent=2, ensure_ascii=False),
@@ -75,7 +76,7 @@ def _environment() -> Environment:
         finalize=_shown,
     )
     filters = (words.number, words.count, words.percent, words.share, words.interval)
-    filters += (words.covered,)
+    filters += (words.covered, words.as_precise)
     environment.filters |= {
         f.__name__: f for f in (*filters, words.unit, words.duration, words.breakable)
     }

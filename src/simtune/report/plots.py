@@ -2,7 +2,7 @@
 
 from simtune.report.data import RunData
 from simtune.report.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot, value_axis
-from simtune.report.words import number
+from simtune.report.words import as_precise, interval, number
 from simtune.validate import is_number
 
 
@@ -35,7 +35,8 @@ def estimate_plot(run: RunData, name: str) -> Plot | None:
     plot.line([(e.round, e.mean) for e in history], "estimate")
     radius = 3 if len(history) <= 12 else 1.5
     for e in history:
-        title = f"round {e.round:g}: {number(e.mean)} [{number(e.low)}, {number(e.high)}]"
+        facts = {"low": e.low, "high": e.high}
+        title = f"round {e.round:g}: {as_precise(e.mean, facts)} {interval(facts)}"
         plot.dot((e.round, e.mean), "estimate", title, radius)
     return plot
 

@@ -9,6 +9,7 @@ from scipy.special import bdtr
 
 from simtune.report.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot
 
+ENOUGH_WORLDS = 5  # fewer say little of intervals
 _BINS = 10
 _MOST_ROWS = 40  # of parameters; more would not be readable
 _ROW = 15  # pixels

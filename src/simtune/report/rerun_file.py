@@ -25,7 +25,7 @@ def write_rerun(run_folder: Path, path: Path) -> None:
     try:
         import rerun  # type: ignore[import-not-found]
     except ImportError:
-        raise InputError("a Rerun file needs rerun-sdk: pip install 'simtune[rerun]'") from None
+        raise InputError("a Rerun file needs rerun-sdk: pip install rerun-sdk") from None
     stream = rerun.RecordingStream(f"simtune {run.title}")
     try:
         stream.save(path)

@@ -1,12 +1,11 @@
 """Numbers and times as text: the templates' filters."""
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from markupsafe import Markup, escape
 
-from simtune.columns import counted
+from simtune.columns import counted, significant, within
 from simtune.report.data import RunData
 from simtune.validate import is_number
 
@@ -14,15 +13,16 @@ MISSING = "–"
 
 
 def number(value: Any) -> str:
-    """Three significant digits: 0.0123, 4.57, 1,230, 2.10e-05."""
-    if not is_number(value):
-        return MISSING
-    if value == 0:
-        return "0"
-    if not 1e-3 <= abs(value) < 1e6:
-        return f"{value:.2e}"
-    digits = 2 - int(f"{value:e}".split("e")[1])
-    return f"{round(value, digits):,.{max(digits, 0)}f}"
+    """Three significant digits: 0.0123, 4.57, 1,230."""
+    return significant(value) if is_number(value) else MISSING
+
+
+def as_precise(value: Any, facts: Mapping[str, Any]) -> str:
+    """A value in the decimals of its parameter's interval; like `number`, if none is known."""
+    low, high = facts.get("low"), facts.get("high")
+    if not (is_number(value) and is_number(low) and is_number(high)):
+        return number(value)
+    return within(value, low, high)
 
 
 def count(value: Any) -> str:
@@ -48,7 +48,7 @@ def interval(facts: Mapping[str, Any]) -> str:
     low, high = facts.get("low"), facts.get("high")
     if not (is_number(low) and is_number(high)):
         return ""
-    return f"[{_apart(low, high)}, {_apart(high, low)}]"
+    return f"[{within(low, low, high)}, {within(high, low, high)}]"
 
 
 def interval_label(search: str | None) -> str:
@@ -56,18 +56,6 @@ def interval_label(search: str | None) -> str:
     if search is None:
         return "worlds trained in"
     return "90 % interval" if search == "posterior" else "searched range"
-
-
-def _apart(value: float, other: float) -> str:
-    """Like `number`, with more digits if `value` and `other` would look alike."""
-    text, width = number(value), abs(value - other)
-    if not width:
-        return text
-    places = -math.floor(math.log10(width))
-    if "e" in text:
-        places += math.floor(math.log10(abs(value)))
-        return f"{value:.{max(places, 2)}e}"
-    return f"{value:,.{places}f}" if places > len(text.partition(".")[2]) else text
 
 
 def unit(facts: Mapping[str, Any]) -> str:

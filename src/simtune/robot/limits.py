@@ -7,7 +7,7 @@ import numpy as np
 from simtune.errors import RobotError
 
 # Distance from the limits, since positions are sent as float32, which may round them up
-_INSIDE = 1e-3
+_LIMIT_MARGIN = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,11 +30,11 @@ class Limits:
         target, measured = _place(target, self.low), _place(measured, self.low)
         way = target - measured
         longest = self.speed * step_s
-        longest -= min(_INSIDE, longest / 10)  # a slow robot's step may be shorter than that
+        longest -= min(_LIMIT_MARGIN, longest / 10)  # a slow robot's step may be shorter than that
         distance = float(np.linalg.norm(way))
         if distance > longest:
             target = measured + way * (longest / distance)
-        return np.clip(target, self.low + _INSIDE, self.high - _INSIDE)
+        return np.clip(target, self.low + _LIMIT_MARGIN, self.high - _LIMIT_MARGIN)
 
     def check(self, measured: np.ndarray) -> None:
         """Raises RobotError if a measured position (D,) is outside the box."""

@@ -13,7 +13,7 @@ from simtune.robot.robot import Pulse, Robot
 from simtune.robot.signals import uninterrupted
 
 _LOOK_EVERY_S = 0.025
-_ARRIVED = 0.5  # share of the tolerance within which the robot has arrived
+_ARRIVED_SHARE = 0.5  # of the tolerance: so near, the robot has arrived
 
 
 class SafeArm:
@@ -76,7 +76,7 @@ class SafeArm:
             measured = self.measure()
             way = float(np.linalg.norm(place - measured))
             deadline_s = time.monotonic() + 5 + 3 * way / self._limits.speed
-            while np.abs(place - measured).max() > _ARRIVED * self._limits.tolerance:
+            while np.abs(place - measured).max() > _ARRIVED_SHARE * self._limits.tolerance:
                 if time.monotonic() > deadline_s:
                     raise RobotError(f"the robot does not get to {place.tolist()}")
                 self.send(place, measured)

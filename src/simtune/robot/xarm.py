@@ -18,9 +18,9 @@ from simtune.robot.xarm_sdk import open_arm
 _ONLINE_MODE = 7
 _FIRST_FIRMWARE = (1, 11, 100)  # the first with this mode, and with a single command for lines
 _CAN_MOVE = (0, 1, 2)  # ready, moving, resting
-_STOPPED = 4
+_STOPPED_STATE = 4
 _ENABLED_WITHIN_S = 3.0
-_DOWN_WITHIN = math.cos(math.radians(5))
+_MIN_DOWN_COSINE = math.cos(math.radians(5))
 
 
 class XArm:
@@ -113,7 +113,7 @@ class XArm:
         return sent.astype(float)
 
     def stop(self) -> None:
-        self._demand("stop", self._arm.set_state(_STOPPED))
+        self._demand("stop", self._arm.set_state(_STOPPED_STATE))
 
     def close(self) -> None:
         if self._arm is None:
@@ -132,7 +132,7 @@ class XArm:
         if code not in (0, 2) or len(pose) != 6 or not np.isfinite(pose).all():
             raise RobotError(f"the xArm does not tell where it is (code {code}, {pose})")
         roll, pitch = pose[3:5]
-        if -math.cos(roll) * math.cos(pitch) < _DOWN_WITHIN:
+        if -math.cos(roll) * math.cos(pitch) < _MIN_DOWN_COSINE:
             raise RobotError(
                 f"the tool must point down: roll is {math.degrees(roll):.0f}° and pitch "
                 f"{math.degrees(pitch):.0f}°, expected 180° and 0°; turn it by hand"

@@ -1,4 +1,7 @@
-"""Checkpoints: safetensors and JSON in a numbered folder, which is written atomically."""
+"""Checkpoints: safetensors and JSON in a numbered folder, which is written atomically.
+
+torch, which takes seconds to load, is loaded with the first tensors: who reads a state needs none.
+"""
 
 import hashlib
 import json
@@ -7,21 +10,22 @@ import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
 
 from simtune.run.files import read_json, sync, sync_folder, write_atomically, write_json
 
-_KEPT = 2
+if TYPE_CHECKING:
+    import torch
+
+_KEPT_CHECKPOINTS = 2
 _TENSORS, _STATE, _MANIFEST = "tensors.safetensors", "state.json", "manifest.json"
 
 log = logging.getLogger(__name__)
 
 
-def save(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> Path:
+def save(folder: Path, tensors: Mapping[str, "torch.Tensor"], state: Mapping[str, Any]) -> Path:
     """Write the next checkpoint into `folder` and keep the latest two; returns its path.
 
     Tensors may be on any device and share memory; they are loaded on the CPU. `state` must be JSON.
@@ -48,7 +52,9 @@ def save(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, 
     return path
 
 
-def _write(folder: Path, tensors: Mapping[str, torch.Tensor], state: Mapping[str, Any]) -> None:
+def _write(folder: Path, tensors: Mapping[str, "torch.Tensor"], state: Mapping[str, Any]) -> None:
+    from safetensors.torch import save_file
+
     folder.mkdir()
     save_file(_separate(tensors), folder / _TENSORS)
     sync(folder / _TENSORS)
@@ -69,8 +75,10 @@ def newest(folder: Path, *, warn: bool = True) -> Path | None:
     return None
 
 
-def load(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+def load(path: Path) -> tuple[dict[str, "torch.Tensor"], dict[str, Any]]:
     """The tensors, on the CPU, and the state of a checkpoint."""
+    from safetensors.torch import load_file
+
     return load_file(path / _TENSORS), read_json(path / _STATE)
 
 
@@ -109,7 +117,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _separate(tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+def _separate(tensors: Mapping[str, "torch.Tensor"]) -> dict[str, "torch.Tensor"]:
     """Contiguous CPU tensors that share no memory, which safetensors would refuse."""
     seen: set[int] = set()
     separate = {}
@@ -122,7 +130,7 @@ def _separate(tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
 
 
 def _prune(folder: Path) -> None:
-    for path in _numbered(folder)[:-_KEPT]:
+    for path in _numbered(folder)[:-_KEPT_CHECKPOINTS]:
         try:
             shutil.rmtree(path)
         except OSError as error:

@@ -13,6 +13,7 @@ from simtune.errors import InputError
 from simtune.run.files import read_json
 from simtune.run.sources import SOURCES, changed_sources
 from simtune.run.versions import changed_readers
+from simtune.validate import is_number
 
 # Options that may change when a run is resumed, such as its place and duration
 _MAY_DIFFER = ("out", "budget_minutes", "device", "move", "task_name", "json")
@@ -160,4 +161,5 @@ def _show_option(flat: Mapping[str, Any], key: str) -> str:
     value = flat.get(key)
     if value is None or isinstance(value, bool):
         return "given" if value else "not given"
-    return str(value)
+    # config.json has the share, see `TuneConfig.relative_precision`
+    return f"{100 * value:g}%" if key == "precision" and is_number(value) else str(value)

@@ -7,7 +7,7 @@ from typing import Any
 
 import simtune
 
-_READ_BY = ("simtune", "mujoco")  # decide what a model's content is
+_MODEL_PACKAGES = ("simtune", "mujoco")  # decide what a model's content is
 
 
 def versions() -> dict[str, str]:
@@ -33,4 +33,4 @@ def changed_readers(stored: Mapping[str, Any]) -> str:
     With others, unchanged files may have another content, by which a run is refused.
     """
     changed = changed_versions(stored)
-    return ", ".join(f"{name} {changed[name]}" for name in _READ_BY if name in changed)
+    return ", ".join(f"{name} {changed[name]}" for name in _MODEL_PACKAGES if name in changed)

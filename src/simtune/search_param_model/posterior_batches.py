@@ -8,12 +8,12 @@ import torch
 from simtune.search_param_model.posterior_net import PosteriorNetConfig
 from simtune.search_param_model.simulated import SimulatedWorlds
 
-_ALIKE = 8  # nearest poses, one of whose errors is drawn
-_GLANCE = 2  # steps within which a pose hardly changes
-_TOGETHER = 4  # steps for which the detector makes similar errors
+_NUM_ALIKE_POSES = 8  # one of whose errors is drawn
+_POSE_EVERY_STEPS = 2  # within which a pose hardly changes
+_ERROR_RUN_STEPS = 4  # for which the detector makes similar errors
 # Longer crops are of fewer worlds: an update takes no longer. They are not cut shorter, since the
 # network must have seen how much whole episodes tell.
-_STEPS_OF_ALL = 400
+_MAX_TOTAL_STEPS = 400
 
 
 class DetectorErrors(NamedTuple):
@@ -72,7 +72,7 @@ class PosteriorBatches:
         shortest = min(self._config.shortest_crop, num_steps)
         lengths = torch.linspace(shortest, num_steps, self._config.crop_lengths).long()
         length = int(lengths[self._random_size(len(lengths))])
-        worlds = worlds[: max(1, len(worlds) * _STEPS_OF_ALL // max(length, _STEPS_OF_ALL))]
+        worlds = worlds[: max(1, len(worlds) * _MAX_TOTAL_STEPS // max(length, _MAX_TOTAL_STEPS))]
         first = self._random_size(num_steps - length + 1)
         steps = torch.arange(first, first + length + 1, device=device)
         which = worlds[:, None, None], episodes[:, None], steps
@@ -86,10 +86,10 @@ class PosteriorBatches:
         self, worlds: torch.Tensor, episodes: torch.Tensor, steps: torch.Tensor
     ) -> torch.Tensor:
         """(B, E', T' + 1) poses to take errors from: of the same rank for some steps in a row."""
-        alike = self._alike[worlds, episodes, steps // _GLANCE]  # (B, E', T' + 1, K)
-        num_runs = -(-len(steps) // _TOGETHER)
+        alike = self._alike[worlds, episodes, steps // _POSE_EVERY_STEPS]  # (B, E', T' + 1, K)
+        num_runs = -(-len(steps) // _ERROR_RUN_STEPS)
         runs = self._random(alike.shape[-1], (*alike.shape[:2], num_runs))
-        rank = runs.repeat_interleave(_TOGETHER, -1)[..., : len(steps), None]
+        rank = runs.repeat_interleave(_ERROR_RUN_STEPS, -1)[..., : len(steps), None]
         return alike.gather(-1, rank)[..., 0].long()
 
     def _random(self, high: int, size: int | tuple[int, ...]) -> torch.Tensor:
@@ -104,10 +104,10 @@ class PosteriorBatches:
 def _most_alike(keypoints: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:
     """(W, E, T', K) indices of the nearest of (M, L, 2) poses, for a part of the steps.
 
-    `keypoints`: (W, E, T, L, 2), of which every `_GLANCE`-th step is used.
+    `keypoints`: (W, E, T, L, 2), of which every `_POSE_EVERY_STEPS`-th step is used.
     """
-    looked_at, poses = keypoints[:, :, ::_GLANCE].flatten(-2), poses.flatten(-2).float()
-    count = min(_ALIKE, len(poses))
+    looked_at, poses = keypoints[:, :, ::_POSE_EVERY_STEPS].flatten(-2), poses.flatten(-2).float()
+    count = min(_NUM_ALIKE_POSES, len(poses))
     nearest = [
         torch.cdist(world.flatten(0, 1).float(), poses).topk(count, largest=False).indices.int()
         for world in looked_at

@@ -8,8 +8,8 @@ from torch.nn import functional as F
 
 SHORTEST_STEPS = 21  # needed by the convolutions over time
 _FIRST_LOG_SCALE, _SMALLEST_SCALE = -1.5, 1e-3  # of the mixture's logistics
-_CANDIDATES = (-1.0, 2.0)  # bounds of candidates, in coordinates of the range
-_EDGE = 1e-5  # distance of probabilities from 0 and 1
+_CANDIDATE_BOUNDS = (-1.0, 2.0)  # in coordinates of the range
+_MIN_PROBABILITY = 1e-5  # distance from 0 and 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ class SurvivalMixture:
         """(B, N, C) candidates to (B, N, C) probabilities that the truth is higher."""
         above = (self.locations[..., None] - candidates[:, :, None]) / self.scales[..., None]
         mixed = (self.log_weights.exp()[..., None] * above.sigmoid()).sum(-2)
-        return mixed.clamp(_EDGE, 1 - _EDGE)
+        return mixed.clamp(_MIN_PROBABILITY, 1 - _MIN_PROBABILITY)
 
     def cpu(self) -> "SurvivalMixture":
         """On the CPU."""
@@ -121,7 +121,7 @@ def posterior_loss(
     network's own distribution, where the answer is hard. None depends on the truth.
     """
     with torch.no_grad():
-        own = curves.sample(num_candidates, generator).clamp(*_CANDIDATES)
+        own = curves.sample(num_candidates, generator).clamp(*_CANDIDATE_BOUNDS)
         uniform = torch.rand(own.shape, generator=generator, device=own.device) * 1.2 - 0.1
         candidates = torch.cat([uniform, own], -1)
     is_higher = (truth[..., None] > candidates).float()

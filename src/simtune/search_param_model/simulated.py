@@ -12,7 +12,7 @@ from simtune.simulation.loose_objects import astray, loose_places, scattered
 from simtune.trajectory import delayed
 from simtune.vision.keypoints import Keypoints
 
-_STREWN = 2.0  # width of the places of loose objects, relative to where episodes begin
+_STREWN_WIDTH = 2.0  # of the places of loose objects, relative to where episodes begin
 
 
 class NearlyAllDiverged(RuntimeError):
@@ -154,7 +154,7 @@ def _roll_out(
     if not isinstance(simulator, Simulator) or not (loose := loose_places(simulator.model)):
         return simulator.roll_out(parameters, actions, rng, observe)
     starts = simulator.begin(parameters, rng).states[:, 0]
-    strewn = scattered(simulator.state_space, starts, loose, _STREWN, rng)
+    strewn = scattered(simulator.state_space, starts, loose, _STREWN_WIDTH, rng)
     starts = np.where(rng.random((len(starts), 1)) < 0.5, strewn, starts)
     return simulator.roll_out(parameters, actions, rng, observe, starts, is_beginning=True)
 

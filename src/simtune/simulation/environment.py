@@ -28,6 +28,7 @@ from simtune.simulation.actions import ActionSpace
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.rendering.stray_light import StrayLight
 
+_MOST_ACTIONS_KEPT = 1 << 25  # numbers (256 MB) of episodes that can still be drawn
 _NO_CONTEXT = ("OpenGL", "gladLoadGL")  # in what MuJoCo raises without a display
 
 
@@ -93,7 +94,8 @@ class BoxActions(ActionSpace):
 class EnvironmentSimulator(AnySimulator):
     """Plays worlds of one environment, one after the other; see `Simulator`.
 
-    A state is an episode's number and a step: to draw it, the episode is played again.
+    A state is an episode's number and a step: to draw it, the episode is played again. Old episodes
+    are forgotten where all their actions would fill the memory.
     """
 
     supersampling = 1  # drawing is up to the environment
@@ -105,7 +107,8 @@ class EnvironmentSimulator(AnySimulator):
         self._actions = BoxActions(env.action_space)
         self._env = env
         self._shape: tuple[int, ...] | None = None  # (H, W) of its pictures
-        self._episodes: list[tuple[int, np.ndarray]] = []  # seed and actions of each
+        self._num_played = 0  # the next episode's number
+        self._episodes: dict[int, tuple[int, np.ndarray]] = {}  # {number: seed and actions}
 
     @property
     def action_mapping(self) -> BoxActions:
@@ -142,16 +145,18 @@ class EnvironmentSimulator(AnySimulator):
             if starts is None:
                 seed = int(rng.integers(2**31))
             else:
-                seed, _ = self._episodes[int(starts[i, 0])]
+                seed, _ = self._episode(starts[i, 0])
             infos = list(self._play(seed, world, actions[i]))
             lengths[i] = len(infos) - 1
-            states[i, :, 0] = len(self._episodes)
+            states[i, :, 0] = self._num_played
             states[i, :, 1] = np.minimum(np.arange(num_steps + 1), lengths[i])
-            self._episodes.append((seed, actions[i].copy()))
+            self._episodes[self._num_played] = seed, actions[i].copy()
+            self._num_played += 1
             infos += infos[-1:] * (num_steps - lengths[i])
             if observe:
                 points = [self._points_of(info)[None] for info in infos]
                 observed.append(np.concatenate([observe(p) for p in points]))
+        self._forget(n)
         self.num_diverged += int((lengths < num_steps).sum())
         self.num_steps += n * num_steps
         all_observed = np.stack(observed) if observe else np.empty((n, num_steps + 1, 0))
@@ -164,7 +169,7 @@ class EnvironmentSimulator(AnySimulator):
         frames = np.empty((len(states), *self.shape, 3), np.uint8)
         for episode in np.unique(states[:, 0]):
             (mine,) = np.nonzero(states[:, 0] == episode)
-            seed, actions = self._episodes[int(episode)]
+            seed, actions = self._episode(episode)
             steps = states[mine, 1].astype(int)
             played = self._play(seed, parameters[mine[0]], actions[: steps.max()])
             drawn = {
@@ -174,6 +179,23 @@ class EnvironmentSimulator(AnySimulator):
             }
             frames[mine] = [drawn[t] for t in steps]
         return frames
+
+    def _episode(self, number: float) -> tuple[int, np.ndarray]:
+        """Seed and actions. Raises ValueError for an episode that is forgotten."""
+        if int(number) not in self._episodes:
+            raise ValueError(
+                f"episode {number:g} can no longer be drawn or begun again: expected one of the "
+                f"latest {len(self._episodes)} of {self._num_played}"
+            )
+        return self._episodes[int(number)]
+
+    def _forget(self, num_latest: int) -> None:
+        """Old episodes, but none of the `num_latest`, which a caller has yet to see."""
+        num_kept = sum(actions.size for _, actions in self._episodes.values())
+        for number in list(self._episodes)[:-num_latest]:
+            if num_kept <= _MOST_ACTIONS_KEPT:
+                return
+            num_kept -= self._episodes.pop(number)[1].size
 
     def _play(self, seed: int, world: np.ndarray, actions: np.ndarray) -> Iterator[dict[str, Any]]:
         """The environment's info on each state in turn, until the actions or the task end.

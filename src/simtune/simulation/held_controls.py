@@ -9,8 +9,8 @@ from simtune.simulation.servos import control_limits, position_servos
 _DYN = mujoco.mjtDyn
 _FILTERS = (_DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
 # Activations that controls alone change; others also depend on how the joint moved
-_OF_CONTROLS = (*_FILTERS, _DYN.mjDYN_INTEGRATOR.value, _DYN.mjDYN_MUSCLE.value)
-_LAGS = 5  # time constants, after which an activation is forgotten
+_CONTROLLED_DYNAMICS = (*_FILTERS, _DYN.mjDYN_INTEGRATOR.value, _DYN.mjDYN_MUSCLE.value)
+_FORGOTTEN_AFTER_LAGS = 5  # time constants of an activation
 _FIXED, _AFFINE = mujoco.mjtGain.mjGAIN_FIXED.value, mujoco.mjtBias.mjBIAS_AFFINE.value
 
 
@@ -31,7 +31,7 @@ class HeldControls:
         self.motors_lag = bool(lagging.any())
         # Seconds after which it no longer matters what acted on motors that ran
         lag_s = model.actuator_dynprm[lagging, 0].max(initial=0)
-        self.unsettled_s = _LAGS * lag_s if motors_ran else 0.0
+        self.unsettled_s = _FORGOTTEN_AFTER_LAGS * lag_s if motors_ran else 0.0
         settled = is_servo | (is_filter if motors_ran else False)
         filtered = is_filter & settled
         self._acts = model.actuator_actadr[filtered]
@@ -45,7 +45,9 @@ class HeldControls:
         self._places, self._place_controls = np.array(places, int), np.array(controls, int)
         self._integrators = _integrators(model)
         self.integrated = model.actuator_actadr[self._integrators]  # (I,) their activations
-        of_motion = ~np.isin(model.actuator_dyntype, _OF_CONTROLS) | (model.actuator_plugin >= 0)
+        of_motion = ~np.isin(model.actuator_dyntype, _CONTROLLED_DYNAMICS) | (
+            model.actuator_plugin >= 0
+        )
         # Whether what actuators remember also depends on the motion, or on where it began
         self.is_of_motion = bool((of_motion & (model.actuator_actnum > 0)).any())
         self.is_of_motion |= self.integrated.size > 0

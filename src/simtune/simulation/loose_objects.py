@@ -6,33 +6,29 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from simtune.parameters.fields import OF_JOINTS
 from simtune.parameters.joint_types import FREE, HINGE, SLIDE
+from simtune.simulation.driven_joints import driven_joints
 from simtune.simulation.states import StateSpace
-from simtune.simulation.ties import joint_ties, joints_of_tendon, tied_bodies, with_tied
+from simtune.simulation.ties import joint_ties, tied_bodies, with_tied
 
-_BY_TENDON = mujoco.mjtTrn.mjTRN_TENDON.value
-_FAR = 2.0  # of the model's extent, from where it began
-_USUAL = 0.02, 0.98  # quantiles of places: an object that was flung away tells nothing
+_FAR_IN_EXTENTS = 2.0  # of the model, from where it began
+_PLACE_QUANTILES = 0.02, 0.98  # an object that was flung away tells nothing
 
 
 def loose_joints(model: mujoco.MjModel) -> np.ndarray:
-    """Joints of free bodies in trees of their own, to which nothing is tied."""
+    """Joints of free bodies in trees of their own, which nothing is tied to or drives."""
     alone = np.bincount(model.body_rootid[model.jnt_bodyid], minlength=model.nbody) == 1
     alone[model.body_rootid[list(tied_bodies(model))]] = False
-    return np.flatnonzero((model.jnt_type == FREE) & alone[model.jnt_bodyid])
+    free = np.flatnonzero((model.jnt_type == FREE) & alone[model.jnt_bodyid])
+    return np.setdiff1d(free, list(driven_joints(model)))
 
 
 def passive_joints(model: mujoco.MjModel) -> np.ndarray:
     """Joints that no actuator drives, without those of loose objects: a lid, a door.
 
-    An actuator may drive a joint through a tendon, or one that is tied to another joint.
+    See `driven_joints`; one that is tied to a driven joint is driven, too.
     """
-    on_joint = np.isin(model.actuator_trntype, OF_JOINTS)
-    driven = set(model.actuator_trnid[on_joint, 0].tolist())
-    for tendon in model.actuator_trnid[model.actuator_trntype == _BY_TENDON, 0]:
-        driven.update(joints_of_tendon(model, tendon))
-    driven = with_tied(model, driven)
+    driven = with_tied(model, driven_joints(model))
     return np.setdiff1d(np.arange(model.njnt), [*driven, *loose_joints(model)])
 
 
@@ -65,7 +61,7 @@ def astray(model: mujoco.MjModel, space: StateSpace, full_states: np.ndarray) ->
     states, places = space.positions_and_velocities(full_states), loose_places(model)
     at = np.array(places, int)[:, None] + np.arange(3)
     away = states[:, :, at] - states[:, :1, at]  # (n, T + 1, objects, 3)
-    far = np.linalg.norm(away, axis=-1) > _FAR * model.stat.extent
+    far = np.linalg.norm(away, axis=-1) > _FAR_IN_EXTENTS * model.stat.extent
     return far.any((1, 2))
 
 
@@ -84,7 +80,7 @@ def scattered(
     states = space.positions_and_velocities(full_states).copy()
     for place in places:
         sideways, turn = slice(place, place + 2), slice(place + 3, place + 7)
-        low, high = np.quantile(states[:, sideways], _USUAL, axis=0)
+        low, high = np.quantile(states[:, sideways], _PLACE_QUANTILES, axis=0)
         half = spread * (high - low) / 2
         states[:, sideways] = (low + high) / 2 + rng.uniform(-half, half, (len(states), 2))
         upright = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (len(states), 1)))

@@ -14,7 +14,7 @@ from simtune.simulation.actions import ActionMapping
 from simtune.simulation.servos import actuator_name, motors
 from simtune.simulation.simulator import Simulator
 
-_MOST_OF_ALL = 8  # of which any two may be exchanged; of more, neighbours
+_MAX_ALL_PAIRS = 8  # of which any two may be exchanged; of more, neighbours
 
 
 class OtherActions(NamedTuple):
@@ -64,7 +64,7 @@ def _two_sided(mapping: ActionMapping, actions: Sequence[int]) -> list[int]:
 def pairs(some: Sequence[int]) -> Iterator[tuple[int, int]]:
     """That may be exchanged: any two of a few, neighbours of many."""
     for one, other in combinations(some, 2):
-        if len(some) <= _MOST_OF_ALL or some.index(other) == some.index(one) + 1:
+        if len(some) <= _MAX_ALL_PAIRS or some.index(other) == some.index(one) + 1:
             yield one, other
 
 

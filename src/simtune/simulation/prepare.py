@@ -10,7 +10,7 @@ from simtune.parameters.fields import DRIVEN, OF_JOINTS
 from simtune.simulation.delays import remember_controls
 
 _DYN = mujoco.mjtDyn
-_HARDLY = 1e-9  # of a weight
+_MIN_GRAVCOMP = 1e-9  # of a weight
 
 
 def prepare_spec(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> None:
@@ -53,7 +53,7 @@ def compensate_weight(spec: mujoco.MjSpec, space: ParameterSpace) -> None:
     for parameter in space:
         for name in parameter.objects if parameter.compensates_weight else ():
             if (body := spec.body(name)) and not body.gravcomp:
-                body.gravcomp = max(parameter.nominal, _HARDLY)
+                body.gravcomp = max(parameter.nominal, _MIN_GRAVCOMP)
 
 
 def keep_all_terms(spec: mujoco.MjSpec, space: ParameterSpace) -> None:

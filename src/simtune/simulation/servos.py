@@ -9,7 +9,7 @@ from simtune.parameters.fields import FOLLOWS, OF_JOINTS
 
 _AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
 # A servo of speeds reaches most of what it is sent, within most times that a command is held
-_NEARLY, _SOON_S = 0.5, 0.3
+_MIN_BRAKE_SHARE, _MAX_SETTLING_S = 0.5, 0.3
 
 
 def position_servos(model: mujoco.MjModel) -> np.ndarray:
@@ -49,8 +49,8 @@ def _is_stiff(model: mujoco.MjModel) -> np.ndarray:
         gear = model.actuator_gear[model.actuator_outadr[i], 0]
         brakes = -model.actuator_biasprm[i, 2] * gear**2
         all_brake = brakes + model.dof_damping[dof]
-        is_soon = model.dof_M0[dof] <= _SOON_S * all_brake
-        stiff[i] = brakes >= _NEARLY * all_brake and is_soon
+        is_soon = model.dof_M0[dof] <= _MAX_SETTLING_S * all_brake
+        stiff[i] = brakes >= _MIN_BRAKE_SHARE * all_brake and is_soon
     return stiff
 
 

@@ -17,7 +17,7 @@ from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
 _BATCHES_KEPT = 2  # a fit alternates between many worlds for derivatives and a few for trials
-_NEVER = 1e10  # m: contacts with such a gap push nothing, at any depth
+_NO_CONTACT_GAP_M = 1e10  # pushes nothing, at any depth
 _EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 
 
@@ -107,7 +107,7 @@ class Simulator(AnySimulator):
         model, geoms = other.model, bodies[other.model.geom_bodyid]
         model.geom_contype[geoms] = model.geom_conaffinity[geoms] = 0
         pairs = geoms[model.pair_geom1] | geoms[model.pair_geom2]  # which these do not filter
-        model.pair_margin[pairs], model.pair_gap[pairs] = -_NEVER, _NEVER
+        model.pair_margin[pairs], model.pair_gap[pairs] = -_NO_CONTACT_GAP_M, _NO_CONTACT_GAP_M
         return other
 
     def with_running_motors(self) -> "Simulator":

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 
 _EQ, _WRAP, _SITE = mujoco.mjtEq, mujoco.mjtWrap, mujoco.mjtObj.mjOBJ_SITE.value
-_OF_BODIES = (_EQ.mjEQ_CONNECT.value, _EQ.mjEQ_WELD.value)
-_OF_FLEXES = (_EQ.mjEQ_FLEX.value, _EQ.mjEQ_FLEXVERT.value, _EQ.mjEQ_FLEXSTRAIN.value)
-_JOINTS = _EQ.mjEQ_JOINT.value
-_ON_GEOMS = (_WRAP.mjWRAP_SPHERE.value, _WRAP.mjWRAP_CYLINDER.value)
+_BODY_EQUALITIES = (_EQ.mjEQ_CONNECT.value, _EQ.mjEQ_WELD.value)
+_FLEX_EQUALITIES = (_EQ.mjEQ_FLEX.value, _EQ.mjEQ_FLEXVERT.value, _EQ.mjEQ_FLEXSTRAIN.value)
+_JOINT_EQUALITY = _EQ.mjEQ_JOINT.value
+_GEOM_WRAPS = (_WRAP.mjWRAP_SPHERE.value, _WRAP.mjWRAP_CYLINDER.value)
 
 
 def tied_bodies(model: mujoco.MjModel) -> set[int]:
@@ -18,20 +18,29 @@ def tied_bodies(model: mujoco.MjModel) -> set[int]:
     Those of joints' equalities are left out: these are never free.
     """
     tied = set[int]()
-    for kind, at in zip(model.wrap_type, model.wrap_objid, strict=True):
-        if kind == _WRAP.mjWRAP_SITE.value:
-            tied.add(int(model.site_bodyid[at]))
-        elif kind in _ON_GEOMS:
-            tied.add(int(model.geom_bodyid[at]))
+    for tendon in range(model.ntendon):
+        tied.update(bodies_of_tendon(model, tendon))
     for tie in np.flatnonzero(_is_active(model)):
         kind, ends = model.eq_type[tie], (model.eq_obj1id[tie], model.eq_obj2id[tie])
-        if kind in _OF_BODIES:
+        if kind in _BODY_EQUALITIES:
             by_site = model.eq_objtype[tie] == _SITE
             tied.update(int(model.site_bodyid[end] if by_site else end) for end in ends)
-        elif kind in _OF_FLEXES:
+        elif kind in _FLEX_EQUALITIES:
             at, num = model.flex_vertadr[ends[0]], model.flex_vertnum[ends[0]]
             tied.update(model.flex_vertbodyid[at : at + num].tolist())
     return tied - {-1}  # a body of a soft one's vertex that nodes move
+
+
+def bodies_of_tendon(model: mujoco.MjModel, tendon: int) -> list[int]:
+    """Those that a spatial tendon touches, at sites or around geoms."""
+    bodies = list[int]()
+    at, num = model.tendon_adr[tendon], model.tendon_num[tendon]
+    for kind, wrapped in zip(model.wrap_type[at:][:num], model.wrap_objid[at:][:num], strict=True):
+        if kind == _WRAP.mjWRAP_SITE.value:
+            bodies.append(int(model.site_bodyid[wrapped]))
+        elif kind in _GEOM_WRAPS:
+            bodies.append(int(model.geom_bodyid[wrapped]))
+    return bodies
 
 
 def joints_of_tendon(model: mujoco.MjModel, tendon: int) -> Iterator[int]:
@@ -44,7 +53,7 @@ def joints_of_tendon(model: mujoco.MjModel, tendon: int) -> Iterator[int]:
 
 def joint_ties(model: mujoco.MjModel) -> list[int]:
     """Active equalities that tie one joint to another, both hinges or slides, as MuJoCo asks."""
-    is_tie = _is_active(model) & (model.eq_type == _JOINTS) & (model.eq_obj2id >= 0)
+    is_tie = _is_active(model) & (model.eq_type == _JOINT_EQUALITY) & (model.eq_obj2id >= 0)
     return np.flatnonzero(is_tie).tolist()
 
 
@@ -56,19 +65,19 @@ def dofs_of_ties(model: mujoco.MjModel) -> dict[int, set[int]]:
     found = dict[int, set[int]]()
     for tie in np.flatnonzero(_is_active(model)).tolist():
         ends = [int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])]
-        if model.eq_type[tie] == _JOINTS:
+        if model.eq_type[tie] == _JOINT_EQUALITY:
             found[tie] = {int(model.jnt_dofadr[joint]) for joint in ends if joint >= 0}
-        elif model.eq_type[tie] in _OF_BODIES:
+        elif model.eq_type[tie] in _BODY_EQUALITIES:
             if model.eq_objtype[tie] == _SITE:
                 ends = model.site_bodyid[ends].tolist()
             if np.any(model.body_mocapid[model.body_rootid[ends]] >= 0):
                 continue  # a state places it, not the model
             # What moves both ends moves neither relative to the other
-            found[tie] = _dofs_above(model, ends[0]) ^ _dofs_above(model, ends[1])
+            found[tie] = dofs_above(model, ends[0]) ^ dofs_above(model, ends[1])
     return found
 
 
-def _dofs_above(model: mujoco.MjModel, body: int) -> set[int]:
+def dofs_above(model: mujoco.MjModel, body: int) -> set[int]:
     """Indices of the velocities that move a body."""
     found = set[int]()
     while body > 0:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
+from os.path import expanduser
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ class AskedRun:
     name: str  # of its folder
     command: str  # one of COMMANDS
     options: Mapping[str, Any]  # as in the grid, including the task
-    folder: Path  # the grid's folder, to which paths in `options` are relative
+    folder: Path  # the grid's folder, to which paths in `options` are relative; ~ is the home
 
     @property
     def asked(self) -> dict[str, Any]:
@@ -51,7 +52,7 @@ class AskedRun:
         is_path = name in _PATHS
         is_path |= name == "task" and str(value).endswith(".toml")
         is_path |= name == "real" and value not in NO_RECORDINGS
-        return str((self.folder / str(value)).resolve()) if is_path else value
+        return str((self.folder / expanduser(str(value))).resolve()) if is_path else value
 
     def config(self) -> TuneConfig | TrainConfig:
         """The command's config. Raises InputError for options that the command would refuse."""
@@ -86,5 +87,5 @@ def short(value: Any, folder: Path) -> str:
     """An option's value in few words; of a file, which `value` names from `folder`, its name."""
     text = str(value)
     if text.endswith(".toml"):
-        return usual_name(folder / text)
+        return usual_name(folder / expanduser(text))
     return Path(text).stem if text.endswith(".json") else text

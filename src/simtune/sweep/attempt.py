@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import signal
 import time
 from collections.abc import Callable
@@ -18,6 +19,8 @@ _ROOM_PAUSES_S = (1.0, 5.0, 20.0, 60.0)  # between attempts while the disk is fu
 _OTHERS_PAUSE_S = 0.5  # after a look at a run that another process has
 _LONGEST_REASON = 300  # characters
 _UNUSABLE = 2  # exit status for unusable input, which is so the next time as well
+# Except this, which the machine's load decides; see `experiment.enough_time`
+_TOO_SHORT = re.compile(r"--budget-minutes \S+ is too short")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +87,8 @@ class Attempts:
         if status == 0:
             reason = "it ended without a result.json and a report.html"
         by = f"killed by {_signal_name(-status)}" if status < 0 else f"exit status {status}"
-        failures = self.retries + 1 if status == _UNUSABLE else 1
+        is_final = status == _UNUSABLE and not _TOO_SHORT.search(reason)
+        failures = self.retries + 1 if is_final else 1
         places.note(spent_s, f"{by}: {reason}", killed=status < 0, failures=failures)
 
     def _sleep(self, seconds: float) -> None:

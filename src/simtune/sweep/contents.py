@@ -1,19 +1,21 @@
 """Whether runs, and those that have begun, fit what the files that the grid names hold now."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig
+from simtune.config import TrainConfig, TuneConfig
+from simtune.experiment.finished import real_content, recordings_hash
 from simtune.experiment.outcome import asked
+from simtune.experiment.presets import choose_search
 from simtune.parameters.values_file import read_parameters
-from simtune.real.observed import observed, open_recordings
-from simtune.real.truth import Truth
+from simtune.real.observed import observed
 from simtune.run.config import check_asked, stored_config
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.standing import Places
 from simtune.tasks import (
     AnyTask,
+    Task,
+    check_known_is_used,
     check_reward,
     load_any_task,
     with_known_colours,
@@ -25,8 +27,11 @@ from simtune.tasks import (
 def check_options(config: TuneConfig | TrainConfig, task: AnyTask) -> None:
     """Raises InputError for options that the task does not admit. Opens no recordings."""
     is_training = isinstance(config, TrainConfig)
+    search = choose_search(config) if isinstance(config, TrainConfig) else config.search
     if is_training:
         check_reward(task)
+    if isinstance(task, Task) and search in ("paper", "regression"):
+        check_known_is_used(task.known_colours, search)
     if config.known_colour:
         with_known_colours(with_model(task), config.known_colour)
     if is_training or config.search != "posterior":
@@ -49,23 +54,7 @@ def check_contents(runs: Sequence[AskedRun], folder: Path) -> None:
         config = run.config()
         task = tasks[source] = tasks.get(source) or load_any_task(source)
         check_asked(path, asked(config, task))
-        check_asked(path, _real_content(config, task, stored["config"], hashes))
-
-
-def _real_content(
-    config: TuneConfig | TrainConfig, task: AnyTask, stored: Mapping[str, Any], hashes: "_Hashes"
-) -> dict[str, Any]:
-    """The part of `outcome.run_config` that `asked` leaves out, if a run's `stored` one has it.
-
-    A training that needs no recordings has not read them.
-    """
-    if config.real == "pseudo" and stored.get("truth"):
-        parameters = read_parameters(config.real_parameters, task.parameters)
-        file = config.real_parameters and str(config.real_parameters)
-        return {"truth": Truth(task.parameters, parameters).digest, "real_parameters": file}
-    if config.real not in NO_RECORDINGS and stored.get("recordings"):
-        return {"recordings": {"dataset_hash": hashes.of(config, task)}, "real": config.real}
-    return {}
+        check_asked(path, real_content(config, task, stored["config"], hashes.of))
 
 
 class _Hashes:
@@ -79,6 +68,5 @@ class _Hashes:
         seen = observed(task, config.observed, is_simulated=False)
         which = (config.real, config.camera, *(c.footage.key for c in seen.cameras))
         if which not in self._known:
-            dataset = open_recordings(config.real, task, config, None, seen)
-            self._known[which] = dataset.content_hash
+            self._known[which] = recordings_hash(config, task)
         return self._known[which]

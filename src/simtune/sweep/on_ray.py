@@ -19,7 +19,7 @@ def connect(address: str) -> Any:
     try:
         ray = importlib.import_module("ray")  # an optional dependency
     except ImportError:
-        raise InputError("--ray needs Ray: pip install 'simtune[ray]'") from None
+        raise InputError("--ray needs Ray: pip install ray") from None
     try:
         host, _, port = address.removeprefix("ray://").rpartition(":")
         if port.isdigit():

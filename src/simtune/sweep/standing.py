@@ -92,6 +92,10 @@ class Places:
             noted["reason"] = reason
         write_json(self.noted, noted)
 
+    def forget(self) -> None:
+        """Forget its attempts: the name means another run now."""
+        self.noted.unlink(missing_ok=True)
+
     def _read_noted(self) -> dict[str, Any]:
         known = {"failures": 0, "kills": 0, "reason": None, "spent_s": 0.0}
         return known | (read_json(self.noted) if self.noted.exists() else {})

@@ -25,10 +25,11 @@ from simtune.sweep.attempt import Attempts
 from simtune.sweep.board import Board, read_entries
 from simtune.sweep.contents import check_contents
 from simtune.sweep.grid import read_grid
+from simtune.sweep.lease import Lease
 from simtune.sweep.local import carry_out_here, num_workers
 from simtune.sweep.on_ray import carry_out_on_ray, connect
 from simtune.sweep.process import Processes
-from simtune.sweep.standing import Standing
+from simtune.sweep.standing import Places, Standing
 
 
 def sweep(config: SweepConfig, program: Sequence[str] | None = None) -> dict[str, Standing]:
@@ -60,8 +61,8 @@ def sweep(config: SweepConfig, program: Sequence[str] | None = None) -> dict[str
 def open_sweep(config: SweepConfig) -> list[AskedRun]:
     """The grid's runs; makes the sweep's folder.
 
-    Raises InputError for an invalid grid, or if a name meant another run before, also if its task's
-    files, its recordings or its truth have been changed since.
+    Raises InputError for an invalid grid, or if a name meant another run before, which has begun,
+    also if its task's files, its recordings or its truth have been changed since.
     """
     config.check()
     runs = read_grid(config.grid)
@@ -70,15 +71,28 @@ def open_sweep(config: SweepConfig) -> list[AskedRun]:
         before = {entry["name"]: entry["asked"] for entry in read_entries(config.out)}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{config.out} cannot be a sweep's folder: {error!r}") from error
-    for run in runs:
-        if before.get(run.name, run.asked) != run.asked:
+    redefined = [run for run in runs if before.get(run.name, run.asked) != run.asked]
+    for run in redefined:
+        if _has_begun(Places(config.out, run.name)):
             differing = {k for k, _ in before[run.name].items() ^ run.asked.items()}
             raise InputError(
                 f"{config.out} has a run {run.name} of another {', '.join(sorted(differing))}: "
                 "give its block of the grid a name, or another --out"
             )
     check_contents(runs, config.out)
+    for run in redefined:
+        Places(config.out, run.name).forget()
     return runs
+
+
+def _has_begun(places: Places) -> bool:
+    """Whether a run has a folder, or a process has it. One refused at its start has none."""
+    if places.run.exists():
+        return True
+    places.make_folders()
+    if lease := Lease.take(places.lease):
+        lease.close()
+    return lease is None
 
 
 def places_to_run(config: SweepConfig) -> tuple[Any, int]:

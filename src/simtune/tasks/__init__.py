@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from simtune.errors import InputError, UnknownName
 from simtune.tasks.built_in import TASKS
 from simtune.tasks.environment_task import EnvironmentTask
-from simtune.tasks.known_colours import known_values, with_known_colours
+from simtune.tasks.known_colours import check_known_is_used, known_values, with_known_colours
 from simtune.tasks.task import Task
 from simtune.tasks.tuning_file.load import read_task
 from simtune.tasks.tuning_file.model import is_xml
@@ -102,6 +102,7 @@ __all__ = [
     "TASKS",
     "AnyTask",
     "Task",
+    "check_known_is_used",
     "check_reward",
     "known_values",
     "load_any_task",

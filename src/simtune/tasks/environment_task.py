@@ -12,7 +12,7 @@ from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
 from simtune.simulation.environment import BoxActions, blame_environment
-from simtune.tasks.task import content_hash
+from simtune.tasks.task import content_hash, in_a_line
 
 _SLACK = 0.01  # relative difference allowed between the recordings' step and the environment's
 
@@ -32,6 +32,9 @@ class EnvironmentTask:
     declared: str = ""  # content of the tuning file and of the environment's code
     source: str = ""  # see `Task`
     files: tuple[Path, ...] = ()  # see `Task`
+
+    def __repr__(self) -> str:
+        return in_a_line(self.name, self.parameters, self.cameras, self.step_s)
 
     @property
     def content_hash(self) -> str:

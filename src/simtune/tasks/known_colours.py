@@ -1,6 +1,6 @@
 """Colours that a user knows, such as a grey card's; a camera's gains are estimated from them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,13 +16,28 @@ _CHANNELS = ("r", "g", "b")
 def with_known_colours(task: Task, asked: str | None) -> Task:
     """The task with the known colours of `--known-colour`: NAME or NAME=R,G,B, separated by ";".
 
-    A colour without numbers has the model's value. Raises InputError for anything else.
+    A colour without numbers has the model's value. Raises InputError for anything else, and if
+    nothing is left to tune.
     """
     known = dict(task.known_colours)
     for entry in filter(None, (part.strip() for part in (asked or "").split(";"))):
         name, _, rgb = entry.partition("=")
         known |= known_colour(task.parameters, name.strip(), _rgb(entry, rgb) if rgb else None)
+    if asked and len(known) == len(task.parameters):
+        raise InputError(f"--known-colour {asked}: nothing to tune: all parameters are known")
     return replace(task, known_colours=known)
+
+
+def check_known_is_used(known: Iterable[str], search: str) -> None:
+    """Raises InputError if parameters are `known` by a tuning file, and `search` ignores it.
+
+    `known`: their names. By the option it is refused before (`config.check_known_colour`).
+    """
+    if colours := list(dict.fromkeys(name[:-2] for name in known)):
+        raise InputError(
+            f"known = true, which the tuning file says of {', '.join(colours)}, goes with "
+            f"--search posterior, got {search}: take it out of the file for this search"
+        )
 
 
 def known_colour(

@@ -12,6 +12,7 @@ from mujoco.batch import Batch
 
 from simtune.cameras.footage import Footage
 from simtune.cameras.views import View
+from simtune.columns import counted
 from simtune.observation import JointSensor
 from simtune.parameters import ParameterSpace
 from simtune.simulation import (
@@ -39,6 +40,19 @@ def content_hash(*parts: bytes | str) -> str:
         content = part.encode() if isinstance(part, str) else part
         digest.update(len(content).to_bytes(8, "little") + content)
     return digest.hexdigest()[:16]
+
+
+def in_a_line(
+    name: str,
+    parameters: ParameterSpace,
+    observed: Sequence[Footage | JointSensor],
+    step_s: float,
+) -> str:
+    """What a task is, for who types its name in Python."""
+    kinds = {Footage: "camera", JointSensor: "sensor"}
+    seen = [f"{kinds[type(part)]} {part.name}" for part in observed]
+    what = [counted(len(parameters), "parameter"), *seen, f"{step_s:.4g} s a step"]
+    return f"<Task {name}: {', '.join(what)}>"
 
 
 def _content(part: object) -> Iterator[bytes]:
@@ -99,6 +113,9 @@ class Task:
     declared_policy: str = ""  # its part about reward and success, which no search uses
     source: str = ""  # name by which `load_any_task` finds the task again, from any folder
     files: tuple[Path, ...] = ()  # absolute paths of all files it was read from
+
+    def __repr__(self) -> str:
+        return in_a_line(self.name, self.parameters, (*self.cameras, *self.sensors), self.step_s)
 
     @cached_property
     def content_hash(self) -> str:

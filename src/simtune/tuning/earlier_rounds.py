@@ -9,7 +9,7 @@ from simtune.errors import InputError
 from simtune.fit import Refits
 from simtune.tuning.estimate import Estimate
 
-_FEW = 2  # refits of a new round that count more than any number of earlier ones
+_MIN_NEW_REFITS = 2  # they count more than any number of earlier rounds'
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class EarlierRounds:
     def refits_to_trust(self, made: Refits) -> Refits:
         """The refits to judge by: those just `made`, or an earlier round's, if it had more time."""
         before = self.refits
-        if before is None or len(made.misfits) >= min(_FEW, len(before.misfits)):
+        if before is None or len(made.misfits) >= min(_MIN_NEW_REFITS, len(before.misfits)):
             return made
         return before
 

@@ -20,16 +20,16 @@ from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.estimate import Estimate
 from simtune.verdicts import at_most_weak
 
-_NEAREST = 3  # so that no single world decides
-_COMPARED = 400  # episodes of worlds, at most
-_STEPS = 25  # that are compared
+_NEAREST_RANK = 3  # so that no single world decides
+_MAX_COMPARED_EPISODES = 400  # of worlds
+_COMPARED_STEPS = 25
 # Real episodes are strange if s exceeds a quantile of the worlds' s: the higher one, or the lower
 # one if the held-out episode is explained worse than known worlds, too.
-_QUANTILES = 0.99, 0.95
+_STRANGE_QUANTILES = 0.99, 0.95
 # And only if d exceeds the worlds' by so much of the pictures' height: in a narrow range worlds
 # hardly differ, and real detections are a little off in ways of their own.
-_FAR = 1 / 32
-_WORSE = 1.3  # times as far off as the worst known world
+_FAR_HEIGHT_SHARE = 1 / 32
+_WORSE_RATIO = 1.3  # to the distance of the worst known world
 
 STRANGE = (
     "The robot is often where no simulated world gets by the same actions. That happens where a "
@@ -67,7 +67,7 @@ def _is_worse(estimate: Estimate) -> bool:
     """Whether keypoints of the held-out episode are explained worse than in known worlds."""
     off = estimate.held_out.get("sensors", {}).get("keypoints", {})
     known = [distance for distance in off.get("known_worlds", []) if distance is not None]
-    return bool(known) and (off["distance"] or 0.0) > _WORSE * max(known)
+    return bool(known) and (off["distance"] or 0.0) > _WORSE_RATIO * max(known)
 
 
 def measure_strangeness(worlds: np.ndarray, held_out: HeldOut, detected: Detected) -> Strangeness:
@@ -79,8 +79,8 @@ def measure_strangeness(worlds: np.ndarray, held_out: HeldOut, detected: Detecte
     num_steps = min(worlds.shape[2], *map(len, real))
     if not worlds.shape[3]:
         return NOT_STRANGE
-    at = np.unique(np.linspace(0, num_steps - 1, _STEPS).astype(int))
-    compared = worlds[:, : max(1, _COMPARED // len(worlds)), at]
+    at = np.unique(np.linspace(0, num_steps - 1, _COMPARED_STEPS).astype(int))
+    compared = worlds[:, : max(1, _MAX_COMPARED_EPISODES // len(worlds)), at]
     num, each, *rest = compared.shape
     true = compared.reshape(num * each, *rest)
     errors = held_out.worlds.keypoint_errors(held_out.detections.keypoints).reshape(-1, *rest[1:])
@@ -88,10 +88,10 @@ def measure_strangeness(worlds: np.ndarray, held_out: HeldOut, detected: Detecte
     world = np.arange(len(true)) // each
     usual = _distances(true + errors[drawn], true, world[:, None] != world)
     found = _distances(np.stack([its[at] for its in real]), true)
-    if (found.mean(0) - usual.mean(0)).mean() < _FAR * held_out.worlds.frames.shape[2]:
+    if (found.mean(0) - usual.mean(0)).mean() < _FAR_HEIGHT_SHARE * held_out.worlds.frames.shape[2]:
         return NOT_STRANGE
     of_worlds = _shares(usual, usual).reshape(num, -1).mean(1)
-    clearly, perhaps = _shares(found, usual).mean() > np.quantile(of_worlds, _QUANTILES)
+    clearly, perhaps = _shares(found, usual).mean() > np.quantile(of_worlds, _STRANGE_QUANTILES)
     return Strangeness(bool(clearly), bool(perhaps))
 
 
@@ -109,5 +109,5 @@ def _distances(
         apart = np.median(np.linalg.norm(some[:, None, t] - worlds[None, :, t], axis=-1), -1)
         if others is not None:
             apart = np.where(others, apart, np.inf)
-        found[:, t] = np.partition(apart, _NEAREST - 1, 1)[:, _NEAREST - 1]
+        found[:, t] = np.partition(apart, _NEAREST_RANK - 1, 1)[:, _NEAREST_RANK - 1]
     return found

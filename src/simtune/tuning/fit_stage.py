@@ -1,5 +1,6 @@
 """Last stage of a round: fit the simulator to the observations, and judge the fit by refits."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,12 +16,12 @@ from simtune.fit import (
     ReplayFit,
     StateEstimator,
     run_bootstrap,
-    states_in_late_pictures,
 )
 from simtune.networks.training import TrainingClock
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
-from simtune.trajectory import delayed
+from simtune.trajectory import Trajectory
 from simtune.tuning.detected import HeldOut
+from simtune.tuning.known_worlds import KnownWorlds
 from simtune.tuning.observing import Observing, as_observed, simulator_of
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.readings.estimate import ReadingsEstimate
@@ -45,11 +46,12 @@ class FitStage:
         model: PosteriorSearchParamModel,
         held_out: HeldOut,
         near: HeldOut,
+        real: Sequence[Trajectory],
         config: PosteriorSearchConfig,
         budget: Budget,
         by_readings: ReadingsEstimate | None = None,
     ) -> "FitStage":
-        """Train the state estimator in held-out worlds.
+        """Train the state estimator in held-out worlds, with gaps in readings as in `real` ones.
 
         The detector's noise is measured in those `near` the real one. `by_readings`: None if they
         are used in windows only, or there are none.
@@ -57,7 +59,7 @@ class FitStage:
         observe, joints = context.keypoints.observe, by_readings.joints if by_readings else None
         if not joints:
             observe = context.observation.observe_beside(observe)
-        worlds, observed = held_out.worlds, as_observed(context, held_out)
+        worlds, observed = held_out.worlds, as_observed(context, held_out, real)
         physics = Physics(simulator_of(context), observe, worlds.states[0, 0])
         part = budget.share(config.state_share, TRAIN_ESTIMATOR)
         clock = TrainingClock(
@@ -129,28 +131,11 @@ class FitStage:
 
         Fewer worlds than planned if `budget` is over before: an unfinished refit does not count.
         """
-        actions, observation = observed.actions[: plan.num_episodes], self.context.observation
-        simulator = simulator_of(self.context)
-        # What an action moves depends on where objects stand. With the box elsewhere, actions that
-        # had moved ALOHA's real box moved nothing.
-        starts = fit.starts[: plan.num_episodes]
-
-        def synthesize(parameters: np.ndarray, latency_steps: int) -> Observed | None:
-            worlds = np.repeat(parameters[None], len(actions), 0)
-            played, see = delayed(actions, latency_steps), observation.observe_beside()
-            rollouts = simulator.roll_out(worlds, played, rng, see, starts)
-            if len(rollouts) < len(actions):
-                return None
-            shown = states_in_late_pictures(
-                simulator, rollouts.states, fit.pictures_late_s[0] / simulator.step_s
-            )
-            recorded = observation.record(simulator, replace(rollouts, states=shown), rng)
-            detections = [self.model.detect(trajectory.frames) for trajectory in recorded]
-            return replace(self.observing.observed(recorded, detections), actions=actions)
-
+        like = observed.episodes(slice(plan.num_episodes))
+        known = KnownWorlds(self.observing, self.model, like, fit, rng)
         replay_fit = self.replay_fit.within(budget)
         return run_bootstrap(
-            replay_fit, synthesize, fit, start, plan.num_worlds, rng, extend_horizon, budget
+            replay_fit, known.synthesize, fit, start, plan.num_worlds, rng, extend_horizon, budget
         )
 
 

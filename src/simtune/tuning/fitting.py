@@ -22,7 +22,7 @@ _FEWEST_FITS = 2  # within that time: the real fit and one refit
 # would not end, and half a fit says nothing; the least one may still end.
 _PLANNED_SHARE = 0.55
 # Fits' time: with more left, there is time for another one and its refits; it may take so much
-_WORTH_REPEATING, _REPEATED = 4.0, 1.5
+_REPEAT_TIME_LEFT, _REPEAT_TIME = 4.0, 1.5
 
 
 class Fitted(NamedTuple):
@@ -62,7 +62,7 @@ class Fitting:
             start = by_readings.start(start)
         near, held_out = learning.film_near(learned, start, budget), learned.held_out
         stage = FitStage.prepare(
-            context, learning.model, held_out, near, config, budget, by_readings
+            context, learning.model, held_out, near, real, config, budget, by_readings
         )
         num_steps = min(len(t) for t in real) * len(real)
         fits, left_s = 1 + REFIT_TIME * config.planned_refits, _FITS_SHARE * budget.seconds_left
@@ -107,7 +107,7 @@ class Fitting:
         beside its place in place of none, and a rope came out 4 to 15 % too short.
         """
         fit, stage, fit_s = fitted
-        least_s, before = _WORTH_REPEATING * fit_s, stage.observing
+        least_s, before = _REPEAT_TIME_LEFT * fit_s, stage.observing
         if budget.seconds_left < least_s:
             return fitted
         budget.report("fitting", FIT_AGAIN[0])
@@ -120,7 +120,7 @@ class Fitting:
         start = self.start._replace(parameters=colours)
         try:
             observed = stage.observing.observed(*self.learned.detected)
-            seconds = budget.seconds_left if budget.is_endless else _REPEATED * fit_s
+            seconds = budget.seconds_left if budget.is_endless else _REPEAT_TIME * fit_s
             part = budget.part(seconds, FIT_AGAIN)
             again = stage.fit(observed, start, True, self.finds_latency, part)
         except OutOfTime:

@@ -27,11 +27,11 @@ from simtune.tuning.estimate import Estimate
 from simtune.tuning.truncated_normal import draw_beside, draw_in_box
 
 NUM_DRAWS = 4000  # kept by a run: ends of 90 % intervals to a thirtieth of a standard deviation
-_BEYOND = 0.05  # probability beyond each end, from which a curve is taken for a normal one
-_FLAT = 100.0  # standard deviations, of such a one, from which it tells nothing
-_SURELY = 1e-3  # probability that nothing is concluded from
-_BLOCK = 1000  # draws at once
-_POINTS = 65  # of a uniform distribution, which may be curved on another scale
+_BEYOND_PROBABILITY = 0.05  # past each end, from which a curve is taken for a normal one
+_FLAT_STDS = 100.0  # of such a curve, from which it tells nothing
+_NEGLIGIBLE_PROBABILITY = 1e-3  # that nothing is concluded from
+_DRAWS_PER_BLOCK = 1000
+_UNIFORM_POINTS = 65  # of a distribution that may be curved on another scale
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ class Joint:
         marginals = [_marginal(estimate, space, i) for i in range(len(space))]
         normal, known = np.full((2, len(space)), np.nan), estimate.correlation
         for i, (below, unit) in enumerate(marginals):
-            if min(below[1], 1 - below[-2]) <= _BEYOND:
+            if min(below[1], 1 - below[-2]) <= _BEYOND_PROBABILITY:
                 continue
             mean, std = normal[:, i] = _normal(below[1:-1], unit[1:-1])
-            unit = np.linspace(0, 1, _POINTS)
+            unit = np.linspace(0, 1, _UNIFORM_POINTS)
             below = ndtr((unit - mean) / std) if np.isfinite(std) else unit
             marginals[i] = (below - below[0]) / (below[-1] - below[0]), unit
         normal[:, ~np.isfinite(normal[1])] = np.nan
@@ -67,15 +67,15 @@ class Joint:
 
     def draw(self, num: int, rng: np.random.Generator) -> np.ndarray:
         """(num, N) parameters within their bounds; fewer and more begin alike."""
-        blocks = [self._draw_block(rng) for _ in range(-(-num // _BLOCK))]
+        blocks = [self._draw_block(rng) for _ in range(-(-num // _DRAWS_PER_BLOCK))]
         return self.space.from_unit(np.concatenate(blocks)[:num])
 
     def _draw_block(self, rng: np.random.Generator) -> np.ndarray:
-        """(_BLOCK, N) unit coordinates."""
+        """(_DRAWS_PER_BLOCK, N) unit coordinates."""
         is_normal = np.isfinite(self.normal[0])
         mean, std = self.normal[:, is_normal]
         among = self.correlation[np.ix_(is_normal, is_normal)] * np.outer(std, std)
-        in_box = draw_in_box(mean, among, _BLOCK, rng)
+        in_box = draw_in_box(mean, among, _DRAWS_PER_BLOCK, rng)
         drawn = draw_beside((in_box - mean) / std, is_normal, self.correlation, rng)
         unit = self.quantile(ndtr(drawn))
         unit[:, is_normal] = in_box
@@ -94,8 +94,8 @@ class Joint:
 
 def _marginal(estimate: Estimate, space: ParameterSpace, i: int) -> tuple[np.ndarray, np.ndarray]:
     if space.names[i] not in estimate.curves:
-        values = np.linspace(estimate.low[i], estimate.high[i], _POINTS)
-        return np.linspace(0, 1, _POINTS), _to_unit(space, i, values)
+        values = np.linspace(estimate.low[i], estimate.high[i], _UNIFORM_POINTS)
+        return np.linspace(0, 1, _UNIFORM_POINTS), _to_unit(space, i, values)
     candidates, prob_higher = estimate.curves[space.names[i]]
     below = 1 - np.minimum.accumulate(prob_higher)
     unit = np.clip(_to_unit(space, i, candidates), 0, 1)
@@ -104,11 +104,11 @@ def _marginal(estimate: Estimate, space: ParameterSpace, i: int) -> tuple[np.nda
 
 def _normal(below: np.ndarray, unit: np.ndarray) -> tuple[float, float]:
     """Mean, within the bounds, and standard deviation of a normal curve; infinite if it is flat."""
-    known = (below > _SURELY) & (below < 1 - _SURELY)
+    known = (below > _NEGLIGIBLE_PROBABILITY) & (below < 1 - _NEGLIGIBLE_PROBABILITY)
     if known.sum() < 2 or np.ptp(unit[known]) <= 0:
         return 0.5, np.inf
     slope, at_0 = np.polyfit(unit[known], ndtri(below[known]), 1)
-    if slope <= 1 / _FLAT:
+    if slope <= 1 / _FLAT_STDS:
         return 0.5, np.inf
     return float(np.clip(-at_0 / slope, 0, 1)), float(1 / slope)
 

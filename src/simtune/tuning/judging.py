@@ -13,6 +13,7 @@ from simtune.fit import (
     bound_warnings,
     delay_warnings,
     is_motion_unexplained,
+    what_is_unexplained,
 )
 from simtune.randomization import Distribution
 from simtune.tuning.earlier_rounds import EarlierRounds
@@ -26,7 +27,7 @@ from simtune.tuning.rounds import FIT, REFIT, RoundTime
 from simtune.tuning.search import Callbacks
 from simtune.verdicts import at_most_weak
 
-_FEWEST_KNOWN = 2  # worlds that are worth a round of their own
+_MIN_KNOWN_WORLDS = 2  # that are worth a round of their own
 _NO_FIT = (
     "There was no time to fit the simulator: these are first guesses by networks, and none is "
     "called identified{}. Nor was any interval tested: many may miss the truth. Give it more "
@@ -99,7 +100,7 @@ class Judging:
         A fit that took so much longer than planned says little before it is judged, and a later
         round's would take as long.
         """
-        is_enough = given.budget.seconds_left > _FEWEST_KNOWN * REFIT_TIME * fit_s
+        is_enough = given.budget.seconds_left > _MIN_KNOWN_WORLDS * REFIT_TIME * fit_s
         is_judged = self.earlier.refits and self.earlier.refits.misfits
         return given.budget if is_enough or is_judged else given.whole
 
@@ -156,7 +157,10 @@ class Judging:
             labels = self.fitting.stage.reading_labels
             offsets = dict(zip(labels, fit.offsets.tolist(), strict=True))
             estimate = replace(estimate, offsets=offsets)
-        return self.by_readings.combined_with(estimate) if self.by_readings else estimate, curves
+        if self.by_readings:
+            unexplained = what_is_unexplained(fit, refits)
+            estimate = self.by_readings.combined_with(estimate, unexplained)
+        return estimate, curves
 
     def _delays(self, fit: FitResult) -> list[str]:
         """Warnings of what comes late; actions that readings call late were shifted before."""

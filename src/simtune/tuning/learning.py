@@ -20,7 +20,7 @@ from simtune.tuning.rounds import SIMULATE, TRAIN_DETECTOR, TRAIN_POSTERIOR_NET
 from simtune.tuning.survival_curves import candidate_grid
 from simtune.tuning.world_sampler import WorldSampler
 
-_NEAR = 2.5  # standard deviations from a start, within which worlds resemble the real one
+_NEAR_STDS = 2.5  # from a start, within which worlds resemble the real one
 
 
 class LearningResult(NamedTuple):
@@ -86,7 +86,7 @@ class Learning:
         real, searched = learned.detected.trajectories, learned.searched
         space, unit = searched.space, searched.space.to_unit(start.parameters)
         learnt = space.to_unit(searched.low), space.to_unit(searched.high)  # by the detector
-        ends = (np.clip(unit + side * _NEAR * start.std, *learnt) for side in (-1, 1))
+        ends = (np.clip(unit + side * _NEAR_STDS * start.std, *learnt) for side in (-1, 1))
         near = searched.with_interval(start.parameters, *map(space.from_unit, ends))
         config = self.config
         try:

@@ -7,6 +7,7 @@ import numpy as np
 
 from simtune.fit import PICTURES, Lateness, Observed
 from simtune.observation import AllEvidence, JointReadings
+from simtune.search_param_model.simulated import SimulatedWorlds
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.detected import HeldOut
@@ -77,12 +78,27 @@ def simulator_of(context: SearchContext) -> Simulator:
     return context.simulator
 
 
-def as_observed(context: SearchContext, held_out: HeldOut) -> Observed:
-    """Held-out worlds as a fit sees a real one."""
+def as_observed(
+    context: SearchContext, held_out: HeldOut, real: Sequence[Trajectory] = ()
+) -> Observed:
+    """Held-out worlds as a fit sees a real one, with readings missing where `real` ones are."""
     worlds, shape = held_out.worlds, context.simulator.shape
     tracks = KeypointTracks.of_detections(held_out.episodes, shape, held_out.noise())
-    evidence = context.observation.evidence(tracks, worlds.readings)
+    readings = _with_gaps(worlds, real) if real else worlds.readings
+    evidence = context.observation.evidence(tracks, readings)
     return Observed(evidence, worlds.filmed_actions().astype(float))
+
+
+def _with_gaps(worlds: SimulatedWorlds, real: Sequence[Trajectory]) -> dict[str, np.ndarray]:
+    """{sensor: (W, F, D)} of worlds, each without the readings that a real episode lacks."""
+    steps = min(len(t) for t in real)
+    at = worlds.filmed_from[:, None] + np.arange(worlds.frames.shape[1])  # (W, F), within `steps`
+    episode = np.arange(len(at))[:, None] % len(real)
+    readings = dict(worlds.readings)
+    for name, values in readings.items():
+        recorded = np.stack([t.readings[name][: steps + 1] for t in real])
+        readings[name] = np.where(np.isnan(recorded[episode, at]), np.nan, values)
+    return readings
 
 
 def _scaled_as(evidence: AllEvidence, other: AllEvidence) -> AllEvidence:

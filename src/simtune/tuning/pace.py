@@ -21,11 +21,11 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import SearchContext
 
-_WORLDS, _STEPS, _UPDATES = 32, 20, 3
-_SMALL_UPDATE = 0.7  # update of another network, relative to one of the detector
-_SLOWER = 1.3  # factor for all that is not counted, as latencies that are tried
-_READ = 2.0  # times what pictures take, that a check takes longer for readings: of two arms 1.8
-_DRAWN_TO_FIT = 60  # times that a fit to pixels draws each of its pictures
+_TIMED_WORLDS, _TIMED_STEPS, _TIMED_UPDATES = 32, 20, 3
+_SMALL_UPDATE_RATIO = 0.7  # of another network's update to one of the detector
+_UNCOUNTED_FACTOR = 1.3  # for all that is not counted, as latencies that are tried
+_READINGS_TIME_RATIO = 2.0  # of a check's time for readings to that for pictures: 1.8 of two arms
+_DRAWINGS_PER_PICTURE = 60  # in a fit to pixels
 _FEWEST_REFITS = 2
 _FEWEST_WORLDS = 64  # fewer teach a network nothing
 # What makes them cheaper, in messages
@@ -84,15 +84,18 @@ class Pace:
     ) -> "Pace":
         """Time a little of each, in worlds of `distribution`."""
         simulator, rng = context.simulator, stream(context.seed, Purpose.PACE)
-        worlds = distribution.sample(_WORLDS, rng)
-        act = simulator.explore(_WORLDS, _STEPS, rng)
-        step_s, played = _timed(lambda: simulator.play(worlds, act, _STEPS, rng))
+        worlds = distribution.sample(_TIMED_WORLDS, rng)
+        act = simulator.explore(_TIMED_WORLDS, _TIMED_STEPS, rng)
+        step_s, played = _timed(lambda: simulator.play(worlds, act, _TIMED_STEPS, rng))
         last = played.states[:, -1]
         frame_s, frames = _timed(lambda: simulator.render(last, worlds))
         detect_s, _ = _timed(lambda: model.detect(frames))
-        update_s, _ = _timed(lambda: model.time_updates(frames, _UPDATES))
+        update_s, _ = _timed(lambda: model.time_updates(frames, _TIMED_UPDATES))
         return cls(
-            step_s / (_WORLDS * _STEPS), frame_s / _WORLDS, detect_s / _WORLDS, update_s / _UPDATES
+            step_s / (_TIMED_WORLDS * _TIMED_STEPS),
+            frame_s / _TIMED_WORLDS,
+            detect_s / _TIMED_WORLDS,
+            update_s / _TIMED_UPDATES,
         )
 
     def round_s(self, config: PosteriorSearchConfig, work: Work) -> float:
@@ -104,7 +107,7 @@ class Pace:
         played = min(MOST_EPISODES, work.num_episodes) * work.num_steps
         # Each parameter changes once, and derivatives are by all parameters and states
         changed = 2 + 2 * work.num_fitted + work.num_tangent
-        return self.step_s * played * changed * (1 + _READ * reads)
+        return self.step_s * played * changed * (1 + _READINGS_TIME_RATIO * reads)
 
     def mostly(self, config: PosteriorSearchConfig, work: Work) -> str:
         """What takes most of such a round, and what would help."""
@@ -135,7 +138,7 @@ class Pace:
         pictures_s = self.frame_s * drawn + self.detect_s * tested / work.supersampling
         pictures_s += self.detect_s * episodes * (steps + 1)  # the real ones
         trained_s = self.update_s * config.detector_updates[0]
-        small_s = _SMALL_UPDATE * self.update_s
+        small_s = _SMALL_UPDATE_RATIO * self.update_s
         if not work.num_tangent:
             played_s += config.no_fit_scale * config.num_worlds * worlds_s
             trained_s += config.no_fit_scale * small_s * config.posterior_updates
@@ -146,11 +149,11 @@ class Pace:
         refitted = fitted._replace(num_steps=few * steps)
         pictures_s += config.planned_refits * few * (steps + 1) * (self.frame_s + self.detect_s)
         fits_s = (1 + config.planned_refits) * config.fit.num_pictures * self.frame_s
-        pictures_s += _DRAWN_TO_FIT * work.fits_pixels * fits_s
+        pictures_s += _DRAWINGS_PER_PICTURE * work.fits_pixels * fits_s
         played = sum(count_fit_steps(config.fit, fitted))
         played_again = sum(count_fit_steps(config.fit, refitted))
         played += config.planned_refits * played_again
-        return played_s + _SLOWER * self.step_s * played, pictures_s, trained_s
+        return played_s + _UNCOUNTED_FACTOR * self.step_s * played, pictures_s, trained_s
 
 
 def slow_steps(share: float, step_s: float, *, is_environment: bool = False) -> str:

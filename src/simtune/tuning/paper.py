@@ -22,6 +22,7 @@ from simtune.randomization import Distribution
 from simtune.replay import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
+from simtune.tasks import check_known_is_used
 from simtune.trajectory import Trajectory
 from simtune.tuning.estimate import unsure
 from simtune.tuning.mean_update import approach, arrivals, shift_mean
@@ -42,7 +43,7 @@ class PaperSearch(Search):
     `low` and `high` of its estimates are the range that is searched, ξ_mean·(1 ± range_spm), and
     each verdict is "weak". Real trajectories must be filmed at the simulator's image size;
     simulated worlds play their actions. Raises InputError for a space with values below 0, which
-    proportional steps cannot search.
+    proportional steps cannot search, and if a colour is known, which it would move like the others.
     """
 
     def __init__(
@@ -63,6 +64,9 @@ class PaperSearch(Search):
                 f"search={method!r} moves in proportion to a value, which {negative[0]} with its "
                 "low below 0 cannot have; use search='posterior'"
             )
+        if context.known is not None:
+            known = np.isfinite(context.known)
+            check_known_is_used(np.array(space.names)[known].tolist(), method)
         self.num_moves = 0
         self._simulator, self._observation = simulator, context.observation
         self._rng, self._device = stream(context.seed, Purpose.PAPER_SEARCH), context.device

@@ -6,7 +6,7 @@ from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate
 
 WIDER = 2.0  # factor on a 90 % interval: the interval, and a margin as large
-_LEAST = 0.2  # of the whole range: no simulator is right in everything
+_MIN_RANGE_SHARE = 0.2  # of the whole range: no simulator is right in everything
 
 
 def policy_range(distribution: Distribution, estimate: Estimate, range_: float) -> Distribution:
@@ -18,7 +18,7 @@ def policy_range(distribution: Distribution, estimate: Estimate, range_: float) 
     """
     mean = distribution.mean
     widest = distribution.around(mean, range_)
-    least = distribution.around(mean, _LEAST * range_)
+    least = distribution.around(mean, _MIN_RANGE_SHARE * range_)
     known = np.array([verdict == "identified" for verdict in estimate.verdict])
     low = mean - WIDER * (estimate.mean - estimate.low)
     high = mean + WIDER * (estimate.high - estimate.mean)

@@ -25,6 +25,7 @@ import torch
 from simtune.budget import Budget
 from simtune.columns import episode_in_words
 from simtune.errors import InputError
+from simtune.fit import lacks_known_worlds
 from simtune.networks.layers import load_generator, load_weights, under
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
@@ -145,7 +146,8 @@ class PosteriorSearch(Search):
         given = self._plan(real, budget)
         learned, metrics = self._learn(real, given.budget, callbacks.save)
         estimate, curves = self._judge(learned, by_readings, given, callbacks)
-        estimate, events = self._move(estimate, curves, learned.searched)
+        lacked_time = not budget.is_endless and self._lacked_time
+        estimate, events = self._move(estimate, curves, learned.searched, lacked_time)
         if doubts := self._readings_first.warnings:  # not stored: a later round has its own
             estimate = replace(estimate, warnings=[*doubts, *estimate.warnings])
         return Round(estimate, events, metrics)
@@ -201,10 +203,25 @@ class PosteriorSearch(Search):
             estimate = doubted(estimate, strangeness)
         return estimate, curves
 
+    @property
+    def _lacked_time(self) -> bool:
+        """Whether more time would tell users more of what verdicts rest on; a policy reads none."""
+        if self.config.for_policy or not self.context.can_fit:
+            return False
+        refits = self._earlier.refits
+        return refits is None or lacks_known_worlds(refits) or self._readings_first.lacked_time
+
     def _move(
-        self, estimate: Estimate, curves: np.ndarray, searched: Distribution
+        self,
+        estimate: Estimate,
+        curves: np.ndarray,
+        searched: Distribution,
+        lacked_time: bool = False,
     ) -> tuple[Estimate, list[Event]]:
-        """Move Ξ, and end the round; returns the estimate with the doubts that this raises."""
+        """Move Ξ, and end the round; returns the estimate with the doubts that this raises.
+
+        `lacked_time`: see `Rounds.end`.
+        """
         self.distribution, events = update_range(
             curves, searched, self.first, self.config.range_update
         )
@@ -217,7 +234,8 @@ class PosteriorSearch(Search):
         widths = half_widths(estimate, self.first)[self._counted]
         # A user reads the verdicts; a policy does not.
         are_identified = all(estimate.verdict[i] == "identified" for i in self._counted)
-        self._rounds.end(widths, are_identified or not self.config.for_policy, is_judged)
+        may_be_known = are_identified or not self.config.for_policy
+        self._rounds.end(widths, may_be_known, is_judged, lacked_time)
         self._unfinished = None
         return estimate, events
 

@@ -15,10 +15,10 @@ from simtune.tuning.survival_curves import (
 )
 from simtune.verdicts import Verdict, verdict_of
 
-_BEYOND = 0.05  # probability beyond an end of the grid, from which the interval reaches the bound
-_INFORMATIVE = 0.565  # of the range: a curve whose central 90 % is wider says nothing
-_EDGE = 0.01  # of the range, from its ends
-_WIDER = 0.75  # of the range: from the median to an end that is widened
+_BEYOND_PROBABILITY = 0.05  # past an end of the grid, from which the interval reaches the bound
+_MAX_INFORMATIVE_WIDTH = 0.565  # of the range: a curve whose central 90 % is wider says nothing
+_EDGE_SHARE = 0.01  # of the range, from its ends
+_WIDENED_SHARE = 0.75  # of the range: from the median to an end that is widened
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +42,8 @@ def read_curves(
     mean = parameters(quantile(prob_higher, 0.5))
     low, high = (parameters(end) for end in shortest_interval(prob_higher, 0.9))
     # Probability beyond the grid may be anywhere up to the bound.
-    low = np.where(prob_higher[:, 0] < 1 - _BEYOND, space.low, low)
-    high = np.where(prob_higher[:, -1] > _BEYOND, space.high, high)
+    low = np.where(prob_higher[:, 0] < 1 - _BEYOND_PROBABILITY, space.low, low)
+    high = np.where(prob_higher[:, -1] > _BEYOND_PROBABILITY, space.high, high)
     share = first.to_range_unit(high) - first.to_range_unit(low)
     verdicts: list[Verdict] = [verdict_of(s) for s in share]
     candidates, curves = parameters(np.repeat(candidate_grid()[:, None], len(space), 1)), {}
@@ -70,7 +70,7 @@ def update_range(
     is_widened = _is_beyond(prob_higher, config.edge_mass) & _is_informative(prob_higher)
     low, high = np.select(
         [is_widened, is_kept],
-        [np.stack([median - _WIDER, median + _WIDER]), [[0.0], [1.0]]],
+        [np.stack([median - _WIDENED_SHARE, median + _WIDENED_SHARE]), [[0.0], [1.0]]],
         _narrowed(middle, half, smallest),
     )
     ends = (np.clip(median, low, high), low, high)
@@ -88,8 +88,8 @@ def _middle_and_half(prob_higher: np.ndarray, margin: float) -> tuple[np.ndarray
 
 def _is_beyond(prob_higher: np.ndarray, edge_mass: float) -> np.ndarray:
     """(2, N) bool: whether the posterior may go on below, and above the range."""
-    below = quantile(prob_higher, edge_mass) < _EDGE
-    return np.stack([below, quantile(prob_higher, 1 - edge_mass) > 1 - _EDGE])
+    below = quantile(prob_higher, edge_mass) < _EDGE_SHARE
+    return np.stack([below, quantile(prob_higher, 1 - edge_mass) > 1 - _EDGE_SHARE])
 
 
 def _is_informative(prob_higher: np.ndarray) -> np.ndarray:
@@ -97,7 +97,7 @@ def _is_informative(prob_higher: np.ndarray) -> np.ndarray:
 
     The central 90 % excludes the tails that a fit's mixture has from the network.
     """
-    return quantile(prob_higher, 0.95) - quantile(prob_higher, 0.05) < _INFORMATIVE
+    return quantile(prob_higher, 0.95) - quantile(prob_higher, 0.05) < _MAX_INFORMATIVE_WIDTH
 
 
 def _narrowed(middle: np.ndarray, half: np.ndarray, smallest: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ from simtune.budget import Budget
 from simtune.fit import FEW_EPISODES, MANY_EPISODES
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
-_ENOUGH = 4  # with time for fewer, they have fewer episodes than the real fit
-_WORTH_BEGINNING = 0.5  # of a fit's time: with more left, a refit may be finished
+_MIN_WHOLE_REFITS = 4  # with time for fewer, they have fewer episodes than the real fit
+_MIN_TIME_SHARE = 0.5  # of a fit's: with more left, a refit may be finished
 
 
 class RefitPlan(NamedTuple):
@@ -38,9 +38,9 @@ class RefitPlan(NamedTuple):
         few = min(FEW_EPISODES, many)
         if budget.is_endless:
             planned = config.planned_refits
-            return cls(planned, few if planned < _ENOUGH else many)
-        each_s, film_s = budget.seconds_left / _ENOUGH, (num_steps + 1) * picture_s
+            return cls(planned, few if planned < _MIN_WHOLE_REFITS else many)
+        each_s, film_s = budget.seconds_left / _MIN_WHOLE_REFITS, (num_steps + 1) * picture_s
         # A refit may take less time, since no latency is searched for.
-        is_worth_it = budget.seconds_left > _WORTH_BEGINNING * fit_s + few * film_s
+        is_worth_it = budget.seconds_left > _MIN_TIME_SHARE * fit_s + few * film_s
         episodes = int(np.clip(each_s / (fit_s / num_episodes + film_s), few, many))
         return cls(config.most_refits if is_worth_it else 0, episodes)

@@ -14,9 +14,9 @@ from simtune.tuning.estimate import Estimate
 SIMULATE, TRAIN_DETECTOR, TRAIN_POSTERIOR_NET, TRAIN_ESTIMATOR, FIT, FIT_AGAIN, REFIT = pairwise(
     (0.0, 0.1, 0.4, 0.5, 0.55, 0.6, 0.65, 1.0)
 )
-_LONGER = 1.5  # longest later round, relative to a whole first one
-_MAY_BE_ZERO = 0.1  # of the range: half-widths of what is nearer to 0 are not relative to that
-_WORTHWHILE = 0.8  # ratio of interval widths between rounds below which it pays to go on
+_MAX_ROUND_RATIO = 1.5  # of a later round's time to a whole first one's
+_NEAR_ZERO_SHARE = 0.1  # of the range: half-widths of what is nearer to 0 are not relative to that
+_NARROWED_WIDTH_RATIO = 0.8  # of intervals between rounds; below, it pays to go on
 
 
 class RoundTime(NamedTuple):
@@ -32,9 +32,9 @@ def plan_round(seconds_left: float, full_s: float, is_last: bool) -> float:
 
     All that is left, if that is not enough for two: one sound round tells more than two unsound.
     """
-    if is_last or seconds_left < (1 + _LONGER) * full_s:
+    if is_last or seconds_left < (1 + _MAX_ROUND_RATIO) * full_s:
         return seconds_left
-    return min(_LONGER * full_s, seconds_left / 2)
+    return min(_MAX_ROUND_RATIO * full_s, seconds_left / 2)
 
 
 def half_widths(estimate: Estimate, first: Distribution) -> np.ndarray:
@@ -44,7 +44,7 @@ def half_widths(estimate: Estimate, first: Distribution) -> np.ndarray:
     to all of it if the parameter may be negative.
     """
     half, low = (estimate.high - estimate.low) / 2, first.space.low
-    share = np.select([low > 0, low == 0], [0.0, _MAY_BE_ZERO], 1.0)
+    share = np.select([low > 0, low == 0], [0.0, _NEAR_ZERO_SHARE], 1.0)
     size = np.maximum(np.abs(estimate.mean) * (low >= 0), share * (first.high - first.low))
     return half / np.maximum(size, 1e-12)
 
@@ -56,7 +56,7 @@ def is_precise(widths: np.ndarray, precision: float) -> bool:
 
 def gains_nothing(before: np.ndarray, now: np.ndarray, precision: float) -> bool:
     """Whether a round narrowed no interval much, of those (N,) not yet within the precision."""
-    return bool(((now > _WORTHWHILE * before) | (now <= precision)).all())
+    return bool(((now > _NARROWED_WIDTH_RATIO * before) | (now <= precision)).all())
 
 
 class Rounds:
@@ -79,14 +79,25 @@ class Rounds:
         seconds = plan_round(budget.seconds_left, full_s, is_last)
         return RoundTime(budget.part(seconds, span, name), True, budget)
 
-    def end(self, widths: np.ndarray, may_be_known: bool = True, is_judged: bool = True) -> None:
+    def end(
+        self,
+        widths: np.ndarray,
+        may_be_known: bool = True,
+        is_judged: bool = True,
+        lacked_time: bool = False,
+    ) -> None:
         """End a round with `half_widths` of what counts.
 
         `may_be_known`: false if the simulator may lack something, so that narrow intervals prove
         nothing.
-        `is_judged`: intervals that no known world has judged, for lack of time, say nothing yet.
+        `is_judged`: intervals that no known world has judged say nothing yet.
+        `lacked_time`: where time was short for what verdicts rest on, a warning says that a larger
+        budget goes on. So the search is not over, however many rounds are done.
         """
         self.num_done += 1
+        if lacked_time:
+            self.stop_reason = ""
+            return
         if not is_judged:
             self.stop_reason = "all rounds are done" if self.num_done >= self._most else ""
             return

@@ -12,7 +12,7 @@ from simtune.randomization import Distribution
 
 _GRID = np.linspace(-0.25, 1.25, 12001)  # finer than a fit is sharp; linear in between
 _SMALLEST_STD = 5e-5
-_FEWEST_POINTS = 0.1  # of the grid: a smaller standard deviation changes no curve
+_MIN_STD_POINTS = 0.1  # of the grid: a smaller standard deviation changes no curve
 # Points of a curve that are kept, for plots and draws: every so many, and those where it has fallen
 # to these values.
 _KEPT_EVERY, _KEPT_AT = 80, ndtr(np.linspace(4, -4, 161))
@@ -49,7 +49,7 @@ def normal_curves(mean: np.ndarray, std: np.ndarray) -> np.ndarray:
 def blurred(prob_higher: np.ndarray, std: np.ndarray, distribution: Distribution) -> np.ndarray:
     """(N, C) curves with independent normal errors added, of (N,) `std` in unit coordinates."""
     points = std / distribution.unit_width / (_GRID[1] - _GRID[0])
-    rows = zip(prob_higher, np.where(points > _FEWEST_POINTS, points, 0), strict=True)
+    rows = zip(prob_higher, np.where(points > _MIN_STD_POINTS, points, 0), strict=True)
     return np.stack([gaussian_filter1d(row, n, mode="nearest") if n else row for row, n in rows])
 
 

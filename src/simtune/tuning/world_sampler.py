@@ -12,7 +12,7 @@ from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.trajectory import Trajectory
 from simtune.tuning.search import SearchContext
 
-_AT_A_TIME = 64  # worlds between looks at the clock; the fewest to learn from
+_BATCH_WORLDS = 64  # between looks at the clock; the fewest to learn from
 
 
 class WorldSampler:
@@ -74,7 +74,8 @@ class WorldSampler:
         steps = min(len(t) for t in real)
         actions, left = np.stack([t.actions[:steps] for t in real]), num_worlds
         while left:
-            num = _AT_A_TIME if left >= 2 * _AT_A_TIME else left  # a few alone may all diverge
+            # A few alone may all diverge
+            num = _BATCH_WORLDS if left >= 2 * _BATCH_WORLDS else left
             left -= num
             which = np.stack([rng.permutation(len(real))[:num_episodes] for _ in range(num)])
             yield play_worlds(

@@ -13,11 +13,11 @@ import numpy as np
 
 from simtune.normal import MAD_TO_STD
 
-_FARTHEST = 3.0  # scales from the middle; beyond, errors are as there
+_MAX_SCALES = 3.0  # from the middle; beyond, errors are as there
 _LEAST_SCALE_PX = 1.0
 _ITERATIONS = 20
 _LEAST_STD_PX = 0.02  # of errors
-_PENALTY = 1e-3, 1e7  # bounds of λ
+_PENALTY_BOUNDS = 1e-3, 1e7  # of λ
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class DetectorBias:
 
 
 def _scaled(places: np.ndarray, middle: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    return ((places - middle) / scale).clip(-_FARTHEST, _FARTHEST)
+    return ((places - middle) / scale).clip(-_MAX_SCALES, _MAX_SCALES)
 
 
 def _slope(scaled: np.ndarray, errors: np.ndarray) -> np.ndarray:
@@ -81,5 +81,5 @@ def _slope(scaled: np.ndarray, errors: np.ndarray) -> np.ndarray:
         residuals = np.where(known, y - x @ slope, np.nan)
         determined = num - penalty * np.trace(np.linalg.inv(hessian))
         penalty = max(determined, 0.01) * std**2 / max(slope @ slope, 1e-12)
-        penalty = float(np.clip(penalty, *_PENALTY))
+        penalty = float(np.clip(penalty, *_PENALTY_BOUNDS))
     return slope

@@ -21,12 +21,12 @@ from simtune.normal import MAD_TO_STD
 from simtune.vision.detections import Detections
 from simtune.vision.detector_bias import DetectorBias
 
-_SURE = 0.8  # probability of both places together, from which errors are taken as noise
-_BINS, _FEWEST = 8, 40  # of spreads; least number of pictures in each
+_SURE_PROBABILITY = 0.8  # of both places together, from which errors are taken as noise
+_MAX_BINS, _MIN_BIN_PICTURES = 8, 40  # of spreads; in each
 _LEAST_PX = 0.05
-_FEWEST_OF_WORLD = 6  # least number of pictures in which a world's keypoint is seen
-_FEWEST_WORLDS = 4  # least number whose mean error is taken off
-_FAR = 2.0  # standard deviations of a common error, from which a mean error is another one
+_MIN_WORLD_PICTURES = 6  # in which a world's keypoint is seen
+_MIN_WORLDS = 4  # whose mean error is taken off
+_FAR_STDS = 2.0  # of a common error, from which a mean error is another one
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,12 @@ class DetectorNoise:
         better = np.square(errors).sum(-1).argmin(-2)[..., None, :, None]
         errors = np.take_along_axis(errors, better, -3)[..., 0, :, :]  # (E, K, L, 2)
         spread = np.take_along_axis(spread, better, -3)[..., 0, :, :]
-        sure = known >= np.minimum(_SURE, np.median(known, (0, 1)))
+        sure = known >= np.minimum(_SURE_PROBABILITY, np.median(known, (0, 1)))
         bias = DetectorBias.measured(truth, np.where(sure[..., None], errors, np.nan))
         errors = errors - bias(truth.reshape(*truth.shape[:2], -1)).reshape(truth.shape)
         offset, common = _common(np.where(sure[..., None], errors, np.nan))
         sizes = np.abs(errors - offset)
-        bins = int(np.clip(sure.sum((0, 1)).min() // _FEWEST, 1, _BINS))
+        bins = int(np.clip(sure.sum((0, 1)).min() // _MIN_BIN_PICTURES, 1, _MAX_BINS))
         curves = [
             _curve(spread[..., keypoint, :][is_sure], sizes[..., keypoint, :][is_sure], bins)
             for keypoint, is_sure in enumerate(np.moveaxis(sure, -1, 0))
@@ -71,7 +71,7 @@ class DetectorNoise:
     def is_off(self, other: "DetectorNoise") -> bool:
         """Whether a keypoint's mean error is farther from `other`'s than `other` allows for."""
         allowed = np.hypot(other.common_px, _LEAST_PX)
-        return bool((np.abs(self.offset_px - other.offset_px) > _FAR * allowed).any())
+        return bool((np.abs(self.offset_px - other.offset_px) > _FAR_STDS * allowed).any())
 
     @property
     def usual_px(self) -> np.ndarray:
@@ -94,14 +94,14 @@ def _common(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     independent errors.
     """
     count = np.isfinite(errors).sum(1)  # (E, L, 2)
-    enough = (count >= _FEWEST_OF_WORLD).all(-1)  # (E, L)
+    enough = (count >= _MIN_WORLD_PICTURES).all(-1)  # (E, L)
     offset, common = np.zeros(errors.shape[2:]), np.zeros(errors.shape[2:])
     for keypoint in np.flatnonzero(enough.any(0)):
         of_keypoint = errors[enough[:, keypoint], :, keypoint]  # (e, K, 2)
         middles = np.nanmedian(of_keypoint, 1)  # (e, 2)
         spread = MAD_TO_STD * np.nanmedian(np.abs(of_keypoint - middles[:, None]), 1)
         chance = np.pi / 2 * np.square(spread) / count[enough[:, keypoint], keypoint]
-        if len(middles) >= _FEWEST_WORLDS:
+        if len(middles) >= _MIN_WORLDS:
             offset[keypoint] = np.median(middles, 0)
         found = np.square(MAD_TO_STD * np.median(np.abs(middles - offset[keypoint]), 0))
         common[keypoint] = np.sqrt(np.maximum(found - np.median(chance, 0), 0))

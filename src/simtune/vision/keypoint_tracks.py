@@ -14,9 +14,9 @@ from simtune.vision.detections import Detections
 from simtune.vision.detector_bias import DetectorBias
 from simtune.vision.detector_noise import DetectorNoise
 
-_SUREST = 0.99  # factor on the detector's probabilities: a rest for what it never saw in simulation
-_ELSEWHERE = 0.003  # density of a keypoint at neither place, in units of the noise
-_WIDE, _WIDE_SHARE = 4.0, 0.05  # wider component: tails are heavier than normal
+_PROBABILITY_FACTOR = 0.99  # on the detector's: a rest for what it never saw in simulation
+_ELSEWHERE_DENSITY = 0.003  # of a keypoint at neither place, in units of the noise
+_WIDE_STD, _WIDE_SHARE = 4.0, 0.05  # wider component: tails are heavier than normal
 _FEATURES_PER_IMAGE = 8  # scale of positions as features: −4 to 4 across the picture
 
 
@@ -44,7 +44,7 @@ class KeypointTracks:
     ) -> "KeypointTracks":
         """From the detections in E episodes of equal length, without the offset usual there."""
         candidates = np.stack([found.candidates for found in episodes]) - noise.offset_px
-        probability = _SUREST * np.stack([found.probability for found in episodes])
+        probability = _PROBABILITY_FACTOR * np.stack([found.probability for found in episodes])
         own_px = noise(np.stack([found.spread for found in episodes]))
         information = np.square(noise.usual_px[:, None] / own_px)
         known = noise.usual_px, shape, information, noise.common_px, noise.bias
@@ -97,7 +97,7 @@ class KeypointTracks:
         residuals = self._residuals(predicted, blur)  # (..., K, 2, L, 2)
         near, wide, elsewhere = self._densities(residuals)
         total = (near + wide).sum(-2) + elsewhere
-        weight = (near + wide / _WIDE**2).max(-2) / total  # (..., K, L)
+        weight = (near + wide / _WIDE_STD**2).max(-2) / total  # (..., K, L)
         best = (near + wide).argmax(-2)[..., None, :, None]
         nearest = np.take_along_axis(residuals, best, -3)[..., 0, :, :]
         information = np.broadcast_to(self.information, residuals.shape)
@@ -125,5 +125,5 @@ class KeypointTracks:
         of_both = np.broadcast_to(self.information, (*np.shape(self.information)[:-1], 2))
         density = self.probability * np.sqrt(of_both.prod(-1))
         near = density * np.exp(-0.5 * square)
-        wide = density * _WIDE_SHARE * np.exp(-0.5 * square / _WIDE**2)
-        return near, wide, (1 - self.probability.sum(-2)) * _ELSEWHERE + 1e-12
+        wide = density * _WIDE_SHARE * np.exp(-0.5 * square / _WIDE_STD**2)
+        return near, wide, (1 - self.probability.sum(-2)) * _ELSEWHERE_DENSITY + 1e-12

@@ -24,13 +24,13 @@ from simtune.simulation.rendering.plate import stands_still
 
 # As values: see `parameters.joint_types`
 _SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE.value  # its ends add nothing to its centre
-_ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value)
+_ROUND_GEOMS = (mujoco.mjtGeom.mjGEOM_CAPSULE.value, mujoco.mjtGeom.mjGEOM_CYLINDER.value)
 _MOUNTED = mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value
 ENDLESS = (mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_HFIELD.value)
 _THREE_SIZES = (mujoco.mjtGeom.mjGEOM_BOX.value, mujoco.mjtGeom.mjGEOM_ELLIPSOID.value)
 PILOT_STEPS = 3200  # simulated to choose keypoints
-_PILOTS = 32
-_MOST = 16  # keypoints of a view
+_NUM_PILOTS = 32
+_MAX_KEYPOINTS = 16  # of a view
 _TOLERANCE_PX = 0.3  # root mean square of what the chosen keypoints do not explain
 
 
@@ -56,8 +56,7 @@ class Keypoints:
 
     def observe(self, batch: Batch) -> np.ndarray:
         """(nsim, L · 2) float32 pixel coordinates x, y, with 0 at the first pixel's centre."""
-        rotation = batch.geom_xmat.reshape(batch.nsim, -1, 3, 3)[:, self.geoms]
-        points = batch.geom_xpos[:, self.geoms] + np.einsum("nlij,lj->nli", rotation, self.offsets)
+        points = self.positions(batch)
         pixels = np.empty((batch.nsim, len(self), 2), np.float32)
         lefts = np.cumsum(self.widths) - self.widths
         for view, (camera, width, left) in enumerate(
@@ -71,6 +70,11 @@ class Keypoints:
             pixels[:, mine] = _project(seen, focal, int(width), self.height)
             pixels[:, mine, 0] += left
         return pixels.reshape(batch.nsim, -1)
+
+    def positions(self, batch: Batch) -> np.ndarray:
+        """(nsim, L, 3) in the world, m."""
+        rotation = batch.geom_xmat.reshape(batch.nsim, -1, 3, 3)[:, self.geoms]
+        return batch.geom_xpos[:, self.geoms] + np.einsum("nlij,lj->nli", rotation, self.offsets)
 
     def select(self, indices: list[int]) -> "Keypoints":
         geoms, offsets, views = self.geoms[indices], self.offsets[indices], self.views[indices]
@@ -145,7 +149,7 @@ def moves_before(model: mujoco.MjModel, camera: int) -> np.ndarray:
 def _half_length(model: mujoco.MjModel, geom: int) -> float:
     """Extent along the geom's z axis, m."""
     kind, size = model.geom_type[geom], model.geom_size[geom]
-    if kind in _ROUND:
+    if kind in _ROUND_GEOMS:
         return float(size[1])
     if kind in _THREE_SIZES:
         return float(size[2])
@@ -160,7 +164,7 @@ def choose_keypoints(seen: np.ndarray) -> list[int]:
     """
     rest = (seen - seen.mean(0)).astype(float)  # (samples, L, 2)
     chosen: list[int] = []
-    while len(chosen) < min(_MOST, seen.shape[1]):
+    while len(chosen) < min(_MAX_KEYPOINTS, seen.shape[1]):
         unexplained = np.sqrt((rest**2).mean(0).sum(-1))  # (L,)
         best = int(unexplained.argmax())
         if unexplained[best] < _TOLERANCE_PX:
@@ -194,15 +198,16 @@ def find_keypoints(
     points = every_keypoint(simulator) if points is None else points
     if not len(points):
         return points
-    steps = PILOT_STEPS // _PILOTS
-    act, parameters = simulator.explore(_PILOTS, steps, rng), distribution.sample(_PILOTS, rng)
+    steps = PILOT_STEPS // _NUM_PILOTS
+    act = simulator.explore(_NUM_PILOTS, steps, rng)
+    parameters = distribution.sample(_NUM_PILOTS, rng)
     played = simulator.play(parameters, act, steps, rng, observe=points.observe)
     finished = played.finished()
     if not len(finished):
         if isinstance(simulator, Simulator):
             raise RuntimeError(
-                f"each of {_PILOTS} worlds with random actions diverged within {steps} steps, so "
-                "nothing tells which points move; check the timestep, the bounds and where "
+                f"each of {_NUM_PILOTS} worlds with random actions diverged within {steps} steps, "
+                "so nothing tells which points move; check the timestep, the bounds and where "
                 "episodes begin"
             )
         finished = played  # an environment's points stay where its episodes end

@@ -6,10 +6,12 @@ turned or mirrored, with an action's sign reversed, or with another episode's ac
 themselves, judged as if they were films, say what would be told of a right film: that is left out.
 """
 
+import time
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from simtune.budget import Budget, OutOfTime
 from simtune.checking.film.explanations import AtOdds, Worlds, each_moving
 from simtune.checking.film.library import brought_to_size
 from simtune.checking.film.played import Played
@@ -25,24 +27,37 @@ def at_odds(
     simulator: Simulator,
     recorded: Mapping[str, np.ndarray],
     seed: int,
+    budget: Budget | None = None,
 ) -> dict[int, AtOdds]:
     """What would explain films, {number of the view: (E, K, H, W, 3)}, where that is clear.
 
-    `recorded`: the (T, A) actions of these episodes, by name.
+    `recorded`: the (T, A) actions of these episodes, by name. Raises OutOfTime if a film needs an
+    explanation and the `budget` leaves too little time to look for one.
     """
+    budget = budget or Budget()
     are_few = not films or len(recorded) < _FEWEST_EPISODES
     if are_few or not position_servos(simulator.model).all():
         return {}
+    budget.report("playing the recorded actions in other worlds")
+    began_s = time.monotonic()
     played = Played(simulator, list(recorded.values()), seed)
     if not played.are_enough:
         return {}
+    played_s = time.monotonic() - began_s
     num = next(iter(films.values())).shape[1]
     small = {i: np.stack([brought_to_size(its) for its in film]) for i, film in films.items()}
     worlds = {i: Worlds(view) for i, view in enumerate(played.draw(num)) if i in films}
     poor = [i for i in films if worlds[i].is_poor(small[i])]
     if not poor:
         return {}
+    drawn_s, num_signs = time.monotonic() - began_s - played_s, len(_signs(simulator))
+    needed_s = len(_LATE_STEPS) * drawn_s + num_signs * (played_s + drawn_s)
+    if needed_s > budget.seconds_left:
+        raise OutOfTime(f"would take about {needed_s:.0f} s")
+    looking = f"looking for what explains the film, about {needed_s:.0f} s"
+    budget.report(looking, 0.3)
     late = [played.draw(num, steps) for steps in _LATE_STEPS]
+    budget.report(looking, 0.5)
     signs = dict(_reversed(simulator, recorded, num, seed))
     found = dict[int, AtOdds]()
     for i in poor:
@@ -57,11 +72,16 @@ def _reversed(
     simulator: Simulator, recorded: Mapping[str, np.ndarray], num_pictures: int, seed: int
 ) -> Iterator[tuple[str, list[np.ndarray]]]:
     """Whose sign is reversed, each action's or all, and each view's pictures of that."""
+    for says, sign in _signs(simulator).items():
+        played = Played(simulator, [actions * sign for actions in recorded.values()], seed)
+        if played.are_enough:
+            yield says, played.draw(num_pictures)
+
+
+def _signs(simulator: Simulator) -> dict[str, np.ndarray]:
+    """{whose sign is reversed: (A,) factors}."""
     names, num = simulator.action_mapping.names, simulator.num_actions
     signs = {f"the action {name}": 1 - 2 * np.eye(num)[i] for i, name in enumerate(names)}
     if num > 1:
         signs["all actions"] = -np.ones(num)
-    for says, sign in signs.items():
-        played = Played(simulator, [actions * sign for actions in recorded.values()], seed)
-        if played.are_enough:
-            yield says, played.draw(num_pictures)
+    return signs

@@ -14,12 +14,12 @@ from simtune.checking.film.features import describe, likeness, moving_share
 from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, Framing
 from simtune.checking.film.library import Library, brought_to_size
 
-_JUDGED = (10, 6)  # worlds, and pictures of each, that are judged as if they were films
-_GAIN = 1.03  # factor by which another framing must be more similar than the film's own
-_SLACK = 0.75  # factor on the gain of other framings in the simulator's own worlds
+_JUDGED_SIZES = (10, 6)  # worlds, and pictures of each, that are judged as if they were films
+_MIN_GAIN_FACTOR = 1.03  # in similarity, of another framing over the film's own
+_CHANCE_GAIN_FACTOR = 0.75  # on the gain of other framings in the simulator's own worlds
 # Of what a film lacks in similarity, the share that another framing must make up for. Worlds whose
 # arm hangs elsewhere, or a shadow, make any framing a little more similar or less.
-_MADE_UP = 0.3
+_MADE_UP_SHARE = 0.3
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,12 @@ def compare(film: np.ndarray, library: Library) -> Comparison:
     best = int(np.argmax([f.sum() for f in found]))
     own = _best(film, AS_IT_IS, library).mean((1, 2))
     both = likeness(describe(film), library.features).sum(0)
-    by_chance = _SLACK * max(0, _own_gain(library) - 1)
+    by_chance = _CHANCE_GAIN_FACTOR * max(0, _own_gain(library) - 1)
     return Comparison(
         alike=_times(own, usual),
         framing=FRAMINGS[best],
         gain=_gain(found[best], own),
-        needed_gain=max(_GAIN + by_chance, 1 + _MADE_UP * (_gain(usual, own) - 1)),
+        needed_gain=max(_MIN_GAIN_FACTOR + by_chance, 1 + _MADE_UP_SHARE * (_gain(usual, own) - 1)),
         framed_alike=_times(found[best], usual),
         moving_share=float(moving_share(film).mean()),
         simulated_moving_share=float(moving_share(library.frames).mean()),
@@ -107,7 +107,7 @@ def _own_gain(library: Library) -> float:
     """Largest gain by another framing among some of the library's own worlds."""
     worlds, pictures = (
         np.linspace(0, length - 1, num).astype(int)
-        for length, num in zip(library.frames.shape, _JUDGED, strict=False)
+        for length, num in zip(library.frames.shape, _JUDGED_SIZES, strict=False)
     )
     film = library.frames[worlds][:, pictures]
     own = _best(film, AS_IT_IS, library, worlds).mean(2)

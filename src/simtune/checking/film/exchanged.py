@@ -8,8 +8,8 @@ import numpy as np
 from simtune.checking.film.features import Features, describe, likeness
 from simtune.checking.film.library import Library, brought_to_size
 
-_BETTER = 1.1  # factor by which two films must be more alike in each other's place
-_SAME_SHAPE = 1.1  # factor between widths over heights: a lens makes 4:3 a little wider
+_MIN_SIMILARITY_RATIO = 1.1  # of two films in each other's place to their own
+_MAX_ASPECT_FACTOR = 1.1  # between widths over heights: a lens makes 4:3 a little wider
 
 
 def exchanged(films: Sequence[np.ndarray], libraries: Sequence[Library]) -> dict[int, int]:
@@ -27,14 +27,14 @@ def exchanged(films: Sequence[np.ndarray], libraries: Sequence[Library]) -> dict
             [[_motion_alike(pictures[a], libraries[b]) for b in (i, j)] for a in (i, j)]
         )
         own, other = np.diag(alike), np.diag(alike[:, ::-1])
-        if (other > own).all() and other.sum() > _BETTER * own.sum():
+        if (other > own).all() and other.sum() > _MIN_SIMILARITY_RATIO * own.sum():
             found |= {i: j, j: i}
     return found
 
 
 def _are_of_one_shape(one: np.ndarray, other: np.ndarray) -> bool:
     a, b = (film.shape[3] / film.shape[2] for film in (one, other))
-    return max(a, b) <= _SAME_SHAPE * min(a, b)
+    return max(a, b) <= _MAX_ASPECT_FACTOR * min(a, b)
 
 
 def _motion_alike(pictures: Features, library: Library) -> float:

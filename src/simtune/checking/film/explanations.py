@@ -9,10 +9,10 @@ import numpy as np
 from simtune.checking.film.framing import AS_IT_IS, TURNS, Framing
 from simtune.checking.film.moments import agreement, moving_roughly
 
-_LEAST = 0.09  # cosine at its own moment, less that at others: here nothing agrees by chance
-_POOR = 0.5  # of what is usual among the worlds: more agreement than that needs no explanation
-_BETTER = 2.5  # factor by which an explanation must agree better than the film as it is
-_ALIKE = 0.7  # of the best agreement: explains as well
+_MIN_COSINE_GAIN = 0.09  # at its own moment over others: here nothing agrees by chance
+_POOR_SHARE = 0.5  # of what is usual among the worlds: more needs no explanation
+_MIN_RATIO = 2.5  # of an explanation's agreement to that of the film as it is
+_TIE_SHARE = 0.7  # of the best agreement: explains as well
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,10 @@ class Worlds:
         reversals = [self._clear(film, own, likest, AS_IT_IS, drawn) for drawn in signs.values()]
         best = max([*turns, *reversals])
         if best:
+            tied = _TIE_SHARE * best
             return AtOdds(
-                [its for its, alike in zip(TURNS, turns, strict=True) if alike > _ALIKE * best],
-                [its for its, alike in zip(signs, reversals, strict=True) if alike > _ALIKE * best],
+                [its for its, alike in zip(TURNS, turns, strict=True) if alike > tied],
+                [its for its, alike in zip(signs, reversals, strict=True) if alike > tied],
             )
         found = self._exchanged(shown, own)
         names = {episodes[i]: episodes[j] for i, j in found.items()}
@@ -67,7 +68,7 @@ class Worlds:
         """Whether a film does not agree with these worlds, which agree with each other."""
         usual = np.median([self._own(w) for w in range(len(self.moving))], 0)
         own = _alike(moving_roughly(film), self.moving)
-        return bool(usual.mean() >= _LEAST and (own < _POOR * usual).any())
+        return bool(usual.mean() >= _MIN_COSINE_GAIN and (own < _POOR_SHARE * usual).any())
 
     def _clear(
         self,
@@ -127,7 +128,9 @@ def _alike(shown: np.ndarray, drawn: np.ndarray) -> np.ndarray:
 
 def _is_better(alike: np.ndarray, own: np.ndarray) -> bool:
     """Whether (E,) agreements are clearly those of an explanation, in all episodes."""
-    return bool(alike.mean() >= max(_LEAST, _BETTER * own.mean()) and (alike > own).all())
+    return bool(
+        alike.mean() >= max(_MIN_COSINE_GAIN, _MIN_RATIO * own.mean()) and (alike > own).all()
+    )
 
 
 def _table(shown: np.ndarray, drawn: np.ndarray) -> np.ndarray:
@@ -140,6 +143,6 @@ def _exchanged(table: np.ndarray, own: np.ndarray) -> dict[int, int]:
     """{episode: another one whose actions agree}, of two or more; (E, E) and (E,)."""
     others = np.where(np.eye(len(table), dtype=bool), -np.inf, table)
     best = others.argmax(1)
-    clear = others.max(1) >= np.maximum(_LEAST, _BETTER * own)
+    clear = others.max(1) >= np.maximum(_MIN_COSINE_GAIN, _MIN_RATIO * own)
     found = {i: int(best[i]) for i in np.flatnonzero(clear).tolist()}
     return found if len(found) > 1 and len({*found.values()}) == len(found) else {}

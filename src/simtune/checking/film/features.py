@@ -14,7 +14,7 @@ from simtune.vision.smoothing import smoothed
 SIZE = 64  # side of the pictures compared, in pixels
 _EDGE_LEVELS = 6.0  # of 256 per pixel: steeper slopes all count as edges
 _MOVING_LEVELS = 20.0  # of 256: larger differences from the background all count as moving
-_NOISE = 3  # factor on the median difference: less is camera noise
+_NOISE_FACTOR = 3  # on the median difference: less is camera noise
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def _moving(smooth: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """(K, SIZE / 2, SIZE / 2, 1) difference of pixels from their median over K pictures."""
     change = smooth - np.median(smooth, 0)
     change = np.einsum("...c,...c", change, change)
-    change = np.maximum(change - _NOISE * np.median(change[:, seen]), 0)
+    change = np.maximum(change - _NOISE_FACTOR * np.median(change[:, seen]), 0)
     return _halved(smoothed((change / (change + _MOVING_LEVELS**2))[..., None]))
 
 

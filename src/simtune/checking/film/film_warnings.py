@@ -5,9 +5,9 @@ from simtune.checking.film.compare import Comparison
 from simtune.checking.film.explanations import AtOdds
 from simtune.checking.film.turned import Turned
 
-_ALIKE = 0.6  # least similarity, relative to that among the simulator's worlds
-_STILL = 0.05  # of the motion in the other one, film or simulator
-_SOME = 1e-3  # share of pixels below which nothing moves in a film
+_MIN_SIMILARITY = 0.6  # relative to that among the simulator's worlds
+_STILL_SHARE = 0.05  # of the motion in the other one, film or simulator
+_MIN_MOVING_SHARE = 1e-3  # of pixels: with fewer, nothing moves in a film
 _STUCK = (
     "things move in the film, and nothing moves in the simulator as it plays the recorded actions: "
     "the model is stuck, and no motion can be compared; does an actuator reach the joint, is it "
@@ -49,17 +49,21 @@ def warnings(
 
 def _beside_simulated(film: CameraFilm, comparison: Comparison, camera_moves: bool) -> str:
     """What is unlike the simulator's pictures; empty if nothing is."""
-    if comparison.simulated_moving_share < _STILL * comparison.moving_share > _STILL * _SOME:
+    if (
+        comparison.simulated_moving_share
+        < _STILL_SHARE * comparison.moving_share
+        > _STILL_SHARE * _MIN_MOVING_SHARE
+    ):
         return _STUCK
-    if comparison.moving_share < _STILL * comparison.simulated_moving_share:
+    if comparison.moving_share < _STILL_SHARE * comparison.simulated_moving_share:
         return "nothing moves in the film, though the simulator's parts do: is it this scene?"
     if film.view.background_is_unknown:  # the film shows more than the simulator draws
         return ""
     other = "and even then another scene than the simulator's, or seen from elsewhere"
     if comparison.is_reframed:
-        also = f", {other}" * (comparison.framed_alike < _ALIKE)
+        also = f", {other}" * (comparison.framed_alike < _MIN_SIMILARITY)
         return f"beside the simulator's pictures the film looks {comparison.framing.says}{also}"
-    if comparison.alike >= _ALIKE:
+    if comparison.alike >= _MIN_SIMILARITY:
         return ""
     why = "" if camera_moves else _OR_A_SHADOW if film.is_plate else _ROOM.format("recording")
     return (

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from simtune.budget import Budget, OutOfTime
 from simtune.checking.film.as_read import AsRead
 from simtune.checking.film.at_odds import at_odds
 from simtune.checking.film.camera_film import CameraFilm
@@ -18,6 +19,12 @@ from simtune.checking.film.resting import in_words, resting_parts
 from simtune.checking.film.turned import Turned, turned
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
+
+_LEFT_OUT = (
+    "what moves does not agree with worlds that play the recorded actions, and what would explain "
+    "that was not looked for, which {}: is the film turned or mirrored, is an action's sign "
+    "reversed, are files exchanged?"
+)
 
 
 class Why(NamedTuple):
@@ -57,22 +64,33 @@ def look_at(
     seed: int,
     as_read: AsRead | None = None,
     recorded: Mapping[str, np.ndarray] | None = None,
+    budget: Budget | None = None,
 ) -> list[Look]:
     """At each film, whose episodes play these (E, T, A) actions; empty if most worlds diverge.
 
     `as_read`: the films' episodes as joint readings have them. `recorded`: whole (T, A) actions of
     episodes by name, the films' first; without them, films are not compared moment by moment.
+    `budget`: for that comparison; a warning says if it was left out.
     """
+    budget = budget or Budget()
+    budget.report("drawing worlds of the simulator")
     libraries = make_libraries(simulator, actions[: len(films[0].frames)], seed)
     if not libraries:
         return []
     instead = _exchanged(films, libraries)
     turns = _turned(films, simulator, as_read)
-    odds = _at_odds(films, simulator, recorded, seed, {*instead, *turns})
+    odds, left_out = dict[str, AtOdds](), ""
+    try:
+        asked = budget.share(1.0, (0.3, 1.0))
+        odds = _at_odds(films, simulator, recorded, seed, {*instead, *turns}, asked)
+    except OutOfTime as error:
+        left_out = _LEFT_OUT.format(error)
     looks = []
     for i, (film, library) in enumerate(zip(films, libraries, strict=True)):
         why = Why(instead.get(film.name), turns.get(film.name), odds.get(film.name))
         looks.append(_look_at_one(i, film, library, simulator, why))
+    if left_out:
+        looks[0].warnings.append(left_out)
     return looks
 
 
@@ -119,6 +137,7 @@ def _at_odds(
     recorded: Mapping[str, np.ndarray] | None,
     seed: int,
     but: set[str],
+    budget: Budget,
 ) -> dict[str, AtOdds]:
     """{still camera: what explains its film beside its actions}, `but` those explained already."""
     its = {i: films[i].frames for i in _still(films, simulator) if films[i].name not in but}
@@ -126,7 +145,8 @@ def _at_odds(
         return {}
     names = [*recorded][: len(films[0].frames)]
     actions = {name: recorded[name] for name in names}
-    return {films[i].name: odd for i, odd in at_odds(its, simulator, actions, seed).items()}
+    found = at_odds(its, simulator, actions, seed, budget)
+    return {films[i].name: odd for i, odd in found.items()}
 
 
 def _still(films: list[CameraFilm], simulator: Simulator) -> list[int]:

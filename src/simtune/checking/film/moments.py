@@ -8,7 +8,7 @@ import numpy as np
 from simtune.checking.film.features import SIZE, describe
 from simtune.vision.smoothing import smoothed
 
-_HALF = SIZE // 2
+_HALF_SIZE = SIZE // 2
 
 
 def moving(episodes: np.ndarray) -> np.ndarray:
@@ -18,7 +18,7 @@ def moving(episodes: np.ndarray) -> np.ndarray:
 
 def moving_roughly(episodes: np.ndarray) -> np.ndarray:
     """(E, K, D) the same, blurred: of parts that may be some pixels elsewhere."""
-    halves = describe(episodes).moving.reshape(-1, _HALF // 2, 2, _HALF // 2, 2)
+    halves = describe(episodes).moving.reshape(-1, _HALF_SIZE // 2, 2, _HALF_SIZE // 2, 2)
     blurred = smoothed(halves.mean((2, 4))[..., None])
     return _units(blurred.reshape(*episodes.shape[:2], -1))
 

@@ -8,8 +8,8 @@ from simtune.cameras.views import apart
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import before_plate, geoms_coloured_by, stands_still
 
-_STATES = 8  # looked at
-_MOSTLY = 0.5  # share of the pictures
+_NUM_STATES = 8  # looked at
+_MIN_PICTURES_SHARE = 0.5
 
 
 def painted_over(simulator: Simulator, states: np.ndarray, view: int) -> dict[str, float]:
@@ -19,7 +19,7 @@ def painted_over(simulator: Simulator, states: np.ndarray, view: int) -> dict[st
     """
     if simulator.views[view].plate is None:
         return {}
-    some = states[np.linspace(0, len(states) - 1, _STATES).astype(int)]
+    some = states[np.linspace(0, len(states) - 1, _NUM_STATES).astype(int)]
     space, found = simulator.space, dict[str, float]()
     for name, columns in _still_colours(simulator).items():
         pictures = []
@@ -37,7 +37,7 @@ def hidden_background(painted: Mapping[str, float]) -> list[str]:
         f'colour {name!r} paints {share:.0%} of the picture over background = "recording": drop '
         "one of the two"
         for name, share in painted.items()
-        if share > _MOSTLY
+        if share > _MIN_PICTURES_SHARE
     ]
 
 

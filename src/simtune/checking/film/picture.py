@@ -30,7 +30,7 @@ _LEGEND = (
 _INK, _BAD, _GOOD = "#22262b", "#b3261e", "#1b6e3c"
 _WIDTH_IN, _CELL_IN, _HEAD_IN = 9.0, 2.62, 0.72
 _FOOT_IN, _LINE_IN = 0.48, 0.15  # below the pictures, without the verdict, and for a line of it
-_IN_A_LINE = 105  # characters
+_LINE_CHARACTERS = 105
 _LEFT, _RIGHT = 0.11, 0.985
 
 
@@ -119,7 +119,7 @@ def _save(
     verdict: str,
     colour: str,
 ) -> None:
-    shape, lines = rows[0][0].shape, textwrap.wrap(verdict, _IN_A_LINE)
+    shape, lines = rows[0][0].shape, textwrap.wrap(verdict, _LINE_CHARACTERS)
     foot = _FOOT_IN + _LINE_IN * len(lines)
     height = _HEAD_IN + _CELL_IN * shape[0] / shape[1] * len(rows) + foot
     figure = Figure(figsize=(_WIDTH_IN, height), facecolor="white")

@@ -12,10 +12,10 @@ from simtune.checking.film.library import Library, brought_to_size
 from simtune.simulation import Simulator
 
 _AT_REST_PX = 2.0  # of SIZE: all corners of a part are so near to where they usually are
-_MOSTLY = 0.5  # share of the pictures
-_SHOWN = 0.7  # least cosine of the background's edges and the resting part's
+_MIN_PICTURES_SHARE = 0.5
+_MIN_EDGE_COSINE = 0.7  # between the background and the resting part
 _WORLDS, _PICTURES = 16, 12  # of a library that are looked at
-_BLOCK = 2  # pixels
+_BLOCK_PX = 2
 
 
 def resting_parts(simulator: Simulator, library: Library, view: int) -> list[str]:
@@ -37,10 +37,10 @@ def resting_parts(simulator: Simulator, library: Library, view: int) -> list[str
     found = []
     for name, corners in _corners_px(simulator, states, view).items():
         away = np.abs(corners - np.median(corners, 0)).max((1, 2))
-        if (away < _AT_REST_PX).mean() <= _MOSTLY:
+        if (away < _AT_REST_PX).mean() <= _MIN_PICTURES_SHARE:
             continue
         nearest = int(away.argmin())
-        if _edges_agree(still, frames[nearest], corners[nearest]) > _SHOWN:
+        if _edges_agree(still, frames[nearest], corners[nearest]) > _MIN_EDGE_COSINE:
             found.append(name)
     return found
 
@@ -72,9 +72,9 @@ def _corners_px(simulator: Simulator, states: np.ndarray, view: int) -> dict[str
 
 def _edges_agree(still: np.ndarray, frame: np.ndarray, corners: np.ndarray) -> float:
     """Cosine of the edges of two pictures in the box of the corners (L, 2); 0 without any."""
-    low = np.floor(corners.min(0) / _BLOCK).astype(int).clip(0)
-    high = np.ceil(corners.max(0) / _BLOCK).astype(int).clip(-1) + 1
-    half = SIZE // _BLOCK
+    low = np.floor(corners.min(0) / _BLOCK_PX).astype(int).clip(0)
+    high = np.ceil(corners.max(0) / _BLOCK_PX).astype(int).clip(-1) + 1
+    half = SIZE // _BLOCK_PX
     edges = describe(np.stack([still, frame])[:, None]).edges.reshape(2, half, half, 2)
     one, other = edges[:, low[1] : high[1], low[0] : high[0]].reshape(2, -1)
     return float(one @ other / max(np.linalg.norm(one) * np.linalg.norm(other), 1e-6))

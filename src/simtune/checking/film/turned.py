@@ -16,11 +16,11 @@ from simtune.checking.film.library import brought_to_size
 from simtune.checking.film.moments import agreement, moving
 
 _LATE_STEPS = range(-2, 4)  # by which pictures may be late beside readings: any is right
-_LEAST = 0.1  # cosine at its own moment, less that at others: here nothing agrees by chance
-_BETTER = 2.0  # factor by which a turned film must agree better than as it is, in all episodes
-_ALIKE = 0.9  # of the best agreement: as good
+_MIN_COSINE_GAIN = 0.1  # at its own moment over others: here nothing agrees by chance
+_MIN_RATIO = 2.0  # of a turned film's agreement to that of it as it is, in all episodes
+_TIE_SHARE = 0.9  # of the best agreement: as good
 # Share of the best agreement that other readings must reach to explain the film as well
-_AS_WELL = 0.7
+_OTHERS_SHARE = 0.7
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,11 @@ def _turned(film: np.ndarray, view: int, drawn: list[np.ndarray], as_read: AsRea
     alike = [_best(moving(framing.undo(small)[0]), drawn) for framing in TURNS]
     best = int(np.argmax([its.mean() for its, _ in alike]))
     its, late = alike[best]
-    if its.mean() < max(_LEAST, _BETTER * own.mean()) or (its <= own).any():
+    if its.mean() < max(_MIN_COSINE_GAIN, _MIN_RATIO * own.mean()) or (its <= own).any():
         return None
     pairs = zip(TURNS, alike, strict=True)
-    found = [framing for framing, (one, _) in pairs if one.mean() > _ALIKE * its.mean()]
-    other = _OtherReadings(shown, view, as_read, _LATE_STEPS[late], _AS_WELL * its.mean())
+    found = [framing for framing, (one, _) in pairs if one.mean() > _TIE_SHARE * its.mean()]
+    other = _OtherReadings(shown, view, as_read, _LATE_STEPS[late], _OTHERS_SHARE * its.mean())
     could_turn = any(not framing.is_mirrored for framing in found)
     return Turned(found, other.signs(), other.zero() if could_turn else None)
 

@@ -13,9 +13,9 @@ from simtune.simulation.other_actions import exchanged, other_actions, pairs
 from simtune.units import OTHER_UNITS
 
 ZERO = "\0"  # in what a change says: how far a zero is elsewhere; in no name, unlike braces
-_EIGHTH = np.pi / 4  # of a turn, by which zeros are tried
-_FINER = 3  # zeros to both sides of the best one
-NEARBY = 2 * _FINER + 1
+_EIGHTH_RAD = np.pi / 4  # of a turn, by which zeros are tried
+_FINER_ZEROS = 3  # to both sides of the best one
+NEARBY = 2 * _FINER_ZEROS + 1
 
 
 class Change(NamedTuple):
@@ -34,8 +34,10 @@ class Change(NamedTuple):
 
     def nearby(self) -> list["Change"]:
         """`NEARBY` of them, with zeros around this one's; itself among them."""
-        steps = np.arange(-_FINER, _FINER + 1) / (2 * _FINER)
-        return [self._replace(shift=self.shift + s * _EIGHTH * (self.shift != 0)) for s in steps]
+        steps = np.arange(-_FINER_ZEROS, _FINER_ZEROS + 1) / (2 * _FINER_ZEROS)
+        return [
+            self._replace(shift=self.shift + s * _EIGHTH_RAD * (self.shift != 0)) for s in steps
+        ]
 
 
 def changes(simulator: Simulator, observation: ObservationModel) -> list[Change]:
@@ -84,4 +86,4 @@ def _other_zeros(same: Change, column: int, joint: str, sensor: str) -> Iterator
         f"offset of sensor {sensor}, in its own unit)"
     )
     for number in (1, -1, 2, -2, 3, -3, 4):
-        yield same._replace(says=says, shift=number * _EIGHTH * (same.read == column))
+        yield same._replace(says=says, shift=number * _EIGHTH_RAD * (same.read == column))

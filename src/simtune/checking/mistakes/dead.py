@@ -11,9 +11,9 @@ from simtune.observation import JointSensor, by_column
 from simtune.simulation import Simulator
 from simtune.simulation.servos import actuator_name, motors
 
-_FEWEST_S = 1.0  # of readings: a joint may rest for less
-_NOTABLY = 0.1  # of an action's range
-_NEAR = 0.02  # of a joint's range
+_MIN_READ_S = 1.0  # a joint may rest for less
+_CHANGED_SHARE = 0.1  # of an action's range
+_AT_LIMIT_SHARE = 0.02  # of a joint's range
 
 
 def dead_encoders(
@@ -25,7 +25,7 @@ def dead_encoders(
     pushed, found = _pushed(readings.actions, simulator), []
     for sensor, column, its in by_column(sensors, readings.values):
         joint, known = sensor.joints[column], its[np.isfinite(its)]
-        is_long = len(known) * simulator.step_s >= _FEWEST_S
+        is_long = len(known) * simulator.step_s >= _MIN_READ_S
         if joint not in pushed or not is_long or np.ptp(known) > 0:
             continue
         if sensor.is_velocity or not _is_at_limit(simulator.model, joint, known[0]):
@@ -38,7 +38,7 @@ def dead_encoders(
 def _is_at_limit(model: mujoco.MjModel, name: str, place: float) -> bool:
     """Whether a joint may rest there however it is pushed, such as a gripper that is closed."""
     joint = model.joint(name)
-    near = _NEAR * np.ptp(joint.range)
+    near = _AT_LIMIT_SHARE * np.ptp(joint.range)
     return bool(joint.limited[0]) and not joint.range[0] + near < place < joint.range[1] - near
 
 
@@ -46,7 +46,7 @@ def _pushed(actions: np.ndarray, simulator: Simulator) -> dict[str, str]:
     """{joint: its motor}, of motors whose (E, T, A) actions change."""
     model, names = simulator.model, simulator.action_mapping.names
     mapping = simulator.action_mapping
-    enough = np.where(mapping.is_limited, _NOTABLY * np.ptp(mapping.range, axis=1), 0.0)
+    enough = np.where(mapping.is_limited, _CHANGED_SHARE * np.ptp(mapping.range, axis=1), 0.0)
     changed = zip(names, np.ptp(actions, axis=(0, 1)) > enough, strict=True)
     changes = {name for name, does in changed if does}
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT.value

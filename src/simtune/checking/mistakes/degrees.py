@@ -9,10 +9,10 @@ from simtune.columns import cut
 from simtune.observation import JointSensor, by_column
 from simtune.units import GAIN_OF_DEGREES
 
-_FAR_BEYOND = 3.0  # times a range: no encoder's zero is so far off
-_TURN = 2 * np.pi  # either way, of hinges without limits
+_FAR_IN_RANGES = 3.0  # no encoder's zero is so far off
+_TURN_RAD = 2 * np.pi  # either way, of hinges without limits
 _MOST_NAMED = 3
-_SLACK = 0.1  # of a range: limits are soft, and zeros a little off
+_SLACK_SHARE = 0.1  # of a range: limits are soft, and zeros a little off
 
 
 def like_degrees(
@@ -38,8 +38,8 @@ def like_degrees(
 def _is_too_far(model: mujoco.MjModel, joint: str, read: np.ndarray) -> bool:
     """Whether a hinge cannot turn as far as readings in rad say, but in degrees it can."""
     limits = model.joint(joint)
-    low, high = limits.range if limits.limited[0] else (-_TURN, _TURN)
+    low, high = limits.range if limits.limited[0] else (-_TURN_RAD, _TURN_RAD)
     least, most = np.nanmin(read), np.nanmax(read)
-    slack, (begins, ends) = _SLACK * (high - low), np.deg2rad([least, most])
-    is_far = max(-least, most) > _FAR_BEYOND * max(-low, high)
+    slack, (begins, ends) = _SLACK_SHARE * (high - low), np.deg2rad([least, most])
+    is_far = max(-least, most) > _FAR_IN_RANGES * max(-low, high)
     return bool(is_far and begins > low - slack and ends < high + slack)

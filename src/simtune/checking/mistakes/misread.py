@@ -37,11 +37,11 @@ T = TypeVar("T")
 
 MOST_S = 60.0
 _MOST_MISTAKES = 3
-_LIKELY = 10  # changes that are tried on all pieces, if time is short
-_LYING = np.pi / 2
-_WELL = 0.3  # of squared deviations of uniform motion: with so few left no mistake is looked for
-_BETTER, _CLEARLY = 0.9, 0.7  # of what is left without one change, and without all
-_AS_LITTLE = 1.1  # times what is left with actions: so much is without, if they explain nothing
+_MAX_LIKELY_CHANGES = 10  # that are tried on all pieces, if time is short
+_LYING_RAD = np.pi / 2
+_WELL_EXPLAINED = 0.3  # of uniform motion's squared deviations: with so few left, no mistake
+_ONE_CHANGE_RATIO, _ALL_CHANGES_RATIO = 0.9, 0.7  # of what is left with to without them
+_NO_ACTIONS_RATIO = 1.1  # of what is left without actions to with them, if they explain nothing
 
 
 def misread(
@@ -68,16 +68,16 @@ def misread(
     if where_starts_show(loop, readings, replays.unit).unseen:
         return []
     if loop.measured.bases:  # which stand: no zero is so far off that they lie or hang
-        tried = [change for change in tried if (np.abs(change.shift) < _LYING).all()]
+        tried = [change for change in tried if (np.abs(change.shift) < _LYING_RAD).all()]
     first, each_s = _timed(lambda: Explained(replays, readings, replays.left(readings)))
-    if first.left <= _WELL or SIZES_TRIED * each_s > budget.seconds_left:
+    if first.left <= _WELL_EXPLAINED or SIZES_TRIED * each_s > budget.seconds_left:
         return []
     _, few_s = _timed(lambda: replays.left(readings, FEW_PIECES))
     trying = Trying(budget, each_s, few_s)
     explained = _explained(first, trying.affordable(tried), trying)
     if explained is None:
         return []
-    if not explained.found or explained.left > _CLEARLY * first.left_at_best_size:
+    if not explained.found or explained.left > _ALL_CHANGES_RATIO * first.left_at_best_size:
         return _unexplained(first, simulator)
     nearer = f"{math.sqrt(first.left_at_best_size / explained.left):.2g} times as near"
     says = explained.in_words()
@@ -111,7 +111,7 @@ class Trying(NamedTuple):
         num = int((left_s - len(tried) * self.few_s) / self.each_s)
         if num < 1:
             return []
-        return explained.replays.likely(explained.readings, tried, min(num, _LIKELY))
+        return explained.replays.likely(explained.readings, tried, min(num, _MAX_LIKELY_CHANGES))
 
     @property
     def _one_mistake_s(self) -> float:
@@ -126,14 +126,14 @@ def _explained(first: Explained, tried: list[Change], trying: Trying) -> Explain
     explained, replays = first, first.replays
     for number in range(_MOST_MISTAKES):
         sizes_s = SIZES_TRIED * trying.each_s
-        if explained.left <= _WELL or (number and sizes_s > trying.budget.seconds_left):
+        if explained.left <= _WELL_EXPLAINED or (number and sizes_s > trying.budget.seconds_left):
             break
-        if explained.left_at_best_size <= _WELL:
+        if explained.left_at_best_size <= _WELL_EXPLAINED:
             break
         if not (likely := trying.likely(explained, tried)):
             return explained if number else None
         left, best, others = replays.best(explained.readings, likely)
-        if left > _BETTER * explained.left_at_best_size:
+        if left > _ONE_CHANGE_RATIO * explained.left_at_best_size:
             break
         if best.shift.any():
             left, best, _ = replays.best(explained.readings, best.nearby())
@@ -145,10 +145,10 @@ def _unexplained(first: Explained, simulator: Simulator) -> list[str]:
     """A sentence if motors, all that there is, explain nothing of a motion that readings show."""
     replays, readings, left = first.replays, first.readings, first.left_at_best_size
     all_push = motors(simulator.model).all() and readings.actions.any()
-    if not all_push or left <= _WELL or not replays.moves(readings):
+    if not all_push or left <= _WELL_EXPLAINED or not replays.moves(readings):
         return []
     unmoved = replays.left(Readings(0 * readings.actions, readings.values))
-    if unmoved > _AS_LITTLE * left:
+    if unmoved > _NO_ACTIONS_RATIO * left:
         return []
     return [
         f"replays of {PIECE_S:g} s explain little of what was read, and no less without any "

@@ -14,18 +14,18 @@ from simtune.observation import assumed_noise
 
 PIECE_S = 0.25
 FEW_PIECES = 6
-_FEWEST_STEPS, _PIECES = 4, 40
-_FEWER = 20  # pieces, where contacts take time
-_BEFORE_S = 0.2  # from which what no sensor measures goes along
+_FEWEST_STEPS, _NUM_PIECES = 4, 40
+_NUM_CONTACT_PIECES = 20  # where contacts take time
+_LEAD_IN_S = 0.2  # from which what no sensor measures goes along
 # By which actions may be late: half a period more of what a controller shakes looks reversed
 _LATE_S = (0.0, 0.02, 0.04, 0.06, 0.08)
-_SIZES = (1 / 3, 1 / 2, 2.0, 3.0)  # of what actions do, beside that of the model's first values
-_NEARER = (1.3, 1.14, 1.07, 1.03)  # factors from the best of these to one nearer
-SIZES_TRIED = len(_SIZES) + 2 * len(_NEARER)
-_LOST = 1e6  # a deviation, in a unit of readings, of a world that explodes
-_MOST = 10.0  # squared deviations, in those of uniform motion, that a reading counts as at most
-_CLEARLY = 3.0  # times what noise of the first readings makes of a speed
-_AS_WELL = 1.05  # times what the best change leaves: another one may be meant
+_TRIED_SIZES = (1 / 3, 1 / 2, 2.0, 3.0)  # of what actions do, beside that of the first values
+_NEARER_FACTORS = (1.3, 1.14, 1.07, 1.03)  # from the best of these to one nearer
+SIZES_TRIED = len(_TRIED_SIZES) + 2 * len(_NEARER_FACTORS)
+_LOST_DEVIATION = 1e6  # in a unit of readings, of a world that explodes
+_MAX_LEFT = 10.0  # squared deviations, in those of uniform motion, that a reading counts as at most
+_CLEAR_SPEED_NOISES = 3.0  # times what noise of the first readings makes of a speed
+_RIVAL_LEFT_RATIO = 1.05  # times what the best change leaves: another one may be meant
 
 
 class ShortReplays(NamedTuple):
@@ -36,14 +36,14 @@ class ShortReplays(NamedTuple):
 
     @property
     def num_pieces(self) -> int:
-        return _FEWER if self.loop.may_touch else _PIECES
+        return _NUM_CONTACT_PIECES if self.loop.may_touch else _NUM_PIECES
 
     def moves(self, readings: Readings) -> bool:
         """Whether any reading changes its speed by more than its noise lets it seem to."""
-        pieces = self._pieces(readings, Segments.evenly(readings, self._steps, _PIECES))
+        pieces = self._pieces(readings, Segments.evenly(readings, self._steps, _NUM_PIECES))
         moved = np.nanmean(np.square(_uniform(pieces.values) - pieces.values), (0, 1))
         most = self._steps * assumed_noise(self.loop.sensors)
-        return bool((np.sqrt(moved) > _CLEARLY * most).any())
+        return bool((np.sqrt(moved) > _CLEAR_SPEED_NOISES * most).any())
 
     def likely(self, readings: Readings, tried: Sequence[Change], num: int) -> list[Change]:
         """The changes that leave least of a few pieces."""
@@ -53,7 +53,7 @@ class ShortReplays(NamedTuple):
         """How much the change leaves that leaves least, itself, and what as good ones say."""
         each = [(self.left(change.of(readings)), change) for change in tried]
         least, best = min(each, key=lambda one: one[0])
-        near = _AS_WELL * least
+        near = _RIVAL_LEFT_RATIO * least
         as_good = [its.says for left, its in each if left < near and not its.shift.any()]
         return least, best, [*dict.fromkeys([best.says, *as_good])]
 
@@ -66,14 +66,14 @@ class ShortReplays(NamedTuple):
         def at(size: float) -> tuple[float, float]:
             return self.left(Readings(size * readings.actions, readings.values)), size
 
-        best = min((left, 1.0), *map(at, _SIZES))
-        for nearer in _NEARER:
+        best = min((left, 1.0), *map(at, _TRIED_SIZES))
+        for nearer in _NEARER_FACTORS:
             best = min(best, at(best[1] * nearer), at(best[1] / nearer))
         return best[0]
 
     def left(self, readings: Readings, num_pieces: int | None = None) -> float:
         """Squared deviations of short replays, in those of uniform motion; at the best of a few
-        delays. The mean over readings, none of which counts more than `_MOST`.
+        delays. The mean over readings, none of which counts more than `_MAX_LEFT`.
         """
         num_pieces = num_pieces or self.num_pieces
         step_s = self.loop.physics.simulator.step_s
@@ -88,7 +88,7 @@ class ShortReplays(NamedTuple):
         pieces = read.cut(segments)
         if not self.loop.measured.goes_on.any():
             return pieces
-        num_rows = round(_BEFORE_S / self.loop.physics.simulator.step_s)
+        num_rows = round(_LEAD_IN_S / self.loop.physics.simulator.step_s)
         rows = np.maximum(segments.begin[:, None] + np.arange(-num_rows, 1), 0)
         episode = segments.episode[:, None]
         actions = readings.actions[episode, rows[:, :-1]]
@@ -107,10 +107,10 @@ class ShortReplays(NamedTuple):
         pieces = self._pieces(readings, Segments.evenly(readings, self._steps, num_pieces))
         played = self.loop.play(pieces, pieces.states[None], self.unit[None])[0][0]
         moved, left = (
-            np.nansum(np.square(np.minimum(np.abs(its - pieces.values), _LOST)), (0, 1))
+            np.nansum(np.square(np.minimum(np.abs(its - pieces.values), _LOST_DEVIATION)), (0, 1))
             for its in (_uniform(pieces.values), played)
         )
-        shares = np.minimum(left[moved > 0] / moved[moved > 0], _MOST)
+        shares = np.minimum(left[moved > 0] / moved[moved > 0], _MAX_LEFT)
         return float(shares.mean()) if len(shares) else 0.0
 
 

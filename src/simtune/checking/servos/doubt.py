@@ -12,6 +12,7 @@ class Doubt(NamedTuple):
     says: str  # a sentence
     kind: str  # the same for the same diagnosis
     likewise: str  # what names this joint in the sentence of another one
+    partner: str = ""  # the joint whose column this one's may be
 
 
 def grouped(doubts: Iterable[Doubt]) -> list[str]:

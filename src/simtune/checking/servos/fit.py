@@ -15,10 +15,10 @@ from simtune.checking.servos.roughness import roughness
 
 _LONGEST_LAG_S = 0.6
 _FEWEST_LAG_STEPS = 4.0  # tried, however long a step is
-_GRID = 25  # delays tried first
-_FINER, _TIMES = 5, 4  # each time with a fifth of the spacing
-_TIME_CONSTANTS = 10  # of a first-order lag, tried first
-_MOST = (1, 99)  # percentiles that bound a joint's travel: a lost packet is no motion
+_NUM_DELAYS = 25  # tried first
+_REFINEMENT, _NUM_REFINEMENTS = 5, 4  # each time with a fifth of the spacing
+_NUM_TIME_CONSTANTS = 10  # of a first-order lag, tried first
+_TRAVEL_PERCENTILES = (1, 99)  # a lost packet is no motion
 
 Episodes = Sequence[np.ndarray]
 
@@ -45,11 +45,11 @@ def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> ServoRes
 
     NaN for what its command cannot tell, such as the delay of a constant one.
     """
-    travel, commanded = _travel(measured), _travel(commands)
+    moved, commanded = travel(measured), travel(commands)
     noise = roughness(measured)
-    if not commanded > 0 or not np.isfinite(travel):
+    if not commanded > 0 or not np.isfinite(moved):
         unknown = dict.fromkeys(ServoResponse.__annotations__, np.nan)
-        known = {"noise": noise, "travel": travel, "commanded": commanded}
+        known = {"noise": noise, "travel": moved, "commanded": commanded}
         return ServoResponse(**(unknown | known))
     lag = delay_of(commands, measured, step_s)
     offset, rms = _offset_and_rms(commands, measured, lag)
@@ -66,7 +66,7 @@ def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> ServoRes
         filtered_offset=its_offset,
         filtered_rms=its_rms,
         noise=noise,
-        travel=travel,
+        travel=moved,
         commanded=commanded,
     )
 
@@ -125,10 +125,10 @@ def _first_order(commands: Episodes, measured: Episodes, longest: float) -> tupl
         def left(lag: float) -> float:
             return _offset_and_rms(filtered, measured, lag)[1]
 
-        lag = lowest(left, longest, num=_GRID // 2, times=_TIMES - 1)
+        lag = lowest(left, longest, num=_NUM_DELAYS // 2, times=_NUM_REFINEMENTS - 1)
         return left(lag), lag
 
-    constant = lowest(lambda s: with_constant(s)[0], longest, num=_TIME_CONSTANTS, times=2)
+    constant = lowest(lambda s: with_constant(s)[0], longest, num=_NUM_TIME_CONSTANTS, times=2)
     return constant, with_constant(constant)[1]
 
 
@@ -136,9 +136,9 @@ def lowest(
     cost: Callable[[float], float],
     most: float,
     *,
-    num: int = _GRID,
-    times: int = _TIMES,
-    finer: int = _FINER,
+    num: int = _NUM_DELAYS,
+    times: int = _NUM_REFINEMENTS,
+    finer: int = _REFINEMENT,
     is_bound: bool = True,
 ) -> float:
     """Minimum of the cost on a grid from 0 to `most`, then `times` on `finer` ones around it.
@@ -155,8 +155,9 @@ def lowest(
     return float(grid[int(np.argmin([cost(float(x)) for x in grid]))])
 
 
-def _travel(episodes: Episodes) -> float:
+def travel(episodes: Episodes) -> float:
+    """How far values go, but for a hundredth to either side; NaN if there are none."""
     values = np.concatenate(list(episodes))
     if not np.isfinite(values).any():
         return float("nan")
-    return float(np.ptp(np.nanpercentile(values, _MOST)))
+    return float(np.ptp(np.nanpercentile(values, _TRAVEL_PERCENTILES)))

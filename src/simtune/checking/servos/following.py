@@ -1,17 +1,21 @@
 """How readings follow commands, in any unit and with either sign."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from simtune.checking.servos.fit import Episodes, ServoResponse, delay_of, delayed_by
 
-_FOLLOWS = 0.8  # correlation from which a joint follows its command
-_FOLLOWS_ONE_WAY = 0.6  # ... if with the other sign none is half as large, at any delay
+_MIN_CORRELATION = 0.8  # of a joint that follows its command
+_MIN_ONE_WAY_CORRELATION = 0.6  # ... if with the other sign none is half as large, at any delay
 HARDLY = 0.4  # correlation below which a joint hardly does
-_LEAVES = 0.25  # of the variance that its own command leaves of a joint, if it follows another's
-_WAYS = 30  # delays at which readings are compared with commands
+_MAX_LEFT_SHARE = 0.25  # of a joint's variance, by its own command, if it follows another's
+# Of a pair, in shares of variance, by exchanging two columns: legs that step together gain little
+_MIN_PAIR_GAIN = 0.4
+_SAME_COLUMN_TOLD = 0.9  # by another's command: its column, whatever that one reads
+_NUM_DELAYS = 30  # at which readings are compared with commands
 
 
 class Following(NamedTuple):
@@ -23,12 +27,18 @@ class Following(NamedTuple):
     def is_clear(self) -> bool:
         """Whether its sign and about its slope are certain."""
         size = abs(self.correlation)
-        return size >= _FOLLOWS or (size >= _FOLLOWS_ONE_WAY and self.opposite < size / 2)
+        return size >= _MIN_CORRELATION or (
+            size >= _MIN_ONE_WAY_CORRELATION and self.opposite < size / 2
+        )
+
+    @property
+    def told(self) -> float:
+        """Share of a joint's variance that the command explains."""
+        return min(1.0, self.correlation**2)
 
     def leaves_less_than(self, other: "Following") -> bool:
         """Whether it is clear, and much better."""
-        left, others = (1 - min(1, abs(its.correlation)) ** 2 for its in (self, other))
-        return self.is_clear and left < _LEAVES * others
+        return self.is_clear and 1 - self.told < _MAX_LEFT_SHARE * (1 - other.told)
 
 
 class Watched(NamedTuple):
@@ -57,10 +67,10 @@ def follows(joint: Watched, servo: ServoResponse) -> Following:
     known, found = np.isfinite(y), [(0.0, 0.0)]
     if not servo.commanded > 0 or known.sum() < 2:
         return Following(0.0, 0.0, 0.0)
-    longest = 2 * servo.lag_steps + 0.5 * _WAYS
+    longest = 2 * servo.lag_steps + 0.5 * _NUM_DELAYS
     # Of a sine, half a period more looks reversed: each sign is compared where it fits best.
     reversed_ = delay_of(commands, [-read for read in measured], joint.step_s)
-    for lag in (servo.lag_steps, reversed_, *np.linspace(0, longest, _WAYS)):
+    for lag in (servo.lag_steps, reversed_, *np.linspace(0, longest, _NUM_DELAYS)):
         x = np.concatenate([delayed_by(c, lag) for c in commands])[known]
         (xx, xy), (_, yy) = np.cov(x, y[known])
         if xx > 0 and yy > 0:
@@ -76,7 +86,8 @@ def followed_instead(
     """The joint whose command is clearly followed instead.
 
     Where it follows its `own` somewhat, as wheels of a robot that drives ahead do, that joint has
-    to follow its command in turn, and either leaves much less so.
+    to follow its command in turn, and either leaves much less so. Of several, as legs that step
+    together, the one with which a pair explains most, both ways, beside each one's own command.
     """
     found = []
     for other in others:
@@ -84,12 +95,31 @@ def followed_instead(
             continue
         crossed = follows(joint._replace(commands=other.commands), servo)
         is_instead = crossed.is_clear and abs(own.correlation) < HARDLY
-        if is_instead or (crossed.leaves_less_than(own) and _is_mutual(joint, other, servo)):
-            found.append((abs(crossed.correlation), other.name))
+        if is_instead or crossed.leaves_less_than(own):
+            back = _follows(other._replace(commands=joint.commands), servo)
+            theirs = _follows(other, servo)
+            if is_instead or back.leaves_less_than(theirs):
+                gain = crossed.told + back.told - own.told - theirs.told
+                if gain > _MIN_PAIR_GAIN or crossed.told > _SAME_COLUMN_TOLD:
+                    found.append((gain, other.name))
     return max(found)[1] if found else None
 
 
-def _is_mutual(joint: Watched, other: Watched, servo: ServoResponse) -> bool:
-    """Whether the other joint follows this one's command rather than its own."""
-    theirs = follows(other._replace(commands=joint.commands), servo)
-    return theirs.leaves_less_than(follows(other, servo))
+def _follows(joint: Watched, servo: ServoResponse) -> Following:
+    """At this joint's own delay, which the `servo`, another one's, may not have."""
+    lag = delay_of(joint.commands, joint.measured, joint.step_s)
+    return follows(joint, replace(servo, lag_steps=lag))
+
+
+def better_column(
+    joint: Watched, servo: ServoResponse, own: Following, others: Sequence[Watched]
+) -> str | None:
+    """The joint in whose column this one's command is clearly followed, and not that one's own."""
+    found = []
+    for other in others:
+        if other.name == joint.name or other.unit != joint.unit:
+            continue
+        crossed = follows(joint._replace(measured=other.measured), servo)
+        if crossed.leaves_less_than(own) and crossed.leaves_less_than(follows(other, servo)):
+            found.append((crossed.told, other.name))
+    return max(found)[1] if found else None

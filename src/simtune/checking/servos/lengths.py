@@ -11,7 +11,7 @@ from simtune.observation import JointSensor, by_column
 from simtune.parameters.joint_types import SLIDE
 from simtune.simulation import Simulator
 
-_FAR = 50.0  # times a model's extent: farther than robots drive, and pixels or mm are more
+_FAR_IN_EXTENTS = 50.0  # of a model: farther than robots drive, and pixels or mm are more
 
 
 def far_beyond_model(
@@ -32,7 +32,7 @@ def far_beyond_model(
         is_slide = model.jnt_type[joint] == SLIDE
         # Readings of a joint with a servo are compared with its commands, which tell more
         span = commanded.get(name, read.get(name, 0.0))
-        if is_slide and span > _FAR * model.stat.extent:
+        if is_slide and span > _FAR_IN_EXTENTS * model.stat.extent:
             says = (
                 f"{_says(name, commanded, read)}, in a model {model.stat.extent:.2g} m across: are "
                 "these pixels or mm? Give [actions], the sensor or both a gain, see "

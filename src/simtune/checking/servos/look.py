@@ -4,14 +4,22 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
+from simtune.checking.servos.common_units import common_scales
 from simtune.checking.servos.doubt import Doubt
-from simtune.checking.servos.doubts import EXCHANGED, doubts, misread_by
+from simtune.checking.servos.doubts import (
+    EXCHANGED,
+    WEAK,
+    doubts,
+    misread_by,
+    of_common_scale,
+)
 from simtune.checking.servos.fit import ServoResponse, fit_servo, predict
 from simtune.checking.servos.following import Watched, follows
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.play import find_play
 from simtune.checking.servos.velocities import VELOCITIES
 from simtune.fit import FEWEST_STEPS
+from simtune.observation import JointSensor
 from simtune.run.files import plain
 
 
@@ -27,6 +35,45 @@ class SeenJoint(NamedTuple):
     def facts(self) -> dict[str, Any]:
         """JSON."""
         return plain({"unit": self.curve.unit, **asdict(self.servo), "play": self.play})
+
+
+def look_at_all(
+    joints: Sequence[Watched | None], sensors: Sequence[JointSensor]
+) -> list[SeenJoint | None]:
+    """At D readings' joints; a wrong unit of a whole sensor comes before all else.
+
+    Only what is odd in the right unit, too, is told beside it.
+    """
+    scales = common_scales(joints, sensors)
+    right = [
+        joint and joint._replace(measured=[read / (scale or 1) for read in joint.measured])
+        for joint, scale in zip(joints, scales, strict=True)
+    ]
+    others, seen = [joint for joint in right if joint], list[SeenJoint | None]()
+    for joint, mended, scale in zip(joints, right, scales, strict=True):
+        if joint is None or mended is None:
+            seen.append(None)
+            continue
+        its = look_at(mended, others)
+        if scale:
+            as_read, by = look_at(joint), its.misread_by
+            told = [of_common_scale(joint, scale), *its.doubts]
+            its = as_read._replace(doubts=told, misread_by=None if by is None else scale * by)
+        seen.append(its)
+    return _without_partners(joints, seen)
+
+
+def _without_partners(
+    joints: Sequence[Watched | None], seen: Sequence[SeenJoint | None]
+) -> list[SeenJoint | None]:
+    """Joints whose column another one seems to have are not said to be weak as well."""
+    partners = {doubt.partner for its in seen if its for doubt in its.doubts}
+    return [
+        its._replace(doubts=[doubt for doubt in its.doubts if doubt.kind != WEAK])
+        if its and joint and joint.name in partners
+        else its
+        for joint, its in zip(joints, seen, strict=True)
+    ]
 
 
 def look_at(joint: Watched, others: Sequence[Watched] = ()) -> SeenJoint:

@@ -9,12 +9,12 @@ from simtune.checking.servos.doubt import Doubt, grouped
 from simtune.checking.servos.fit import Episodes
 from simtune.columns import episode_in_words
 
-_MISSING = 1 / 3  # of an episode's readings
+_MAX_MISSING_SHARE = 1 / 3  # of an episode's readings
 # A sensor that is slower than the log: no gap is longer than so many usual ones
-_REGULAR, _FEWEST = 3.0, 8
-_USUAL = 0.01  # share of readings at each end, at least one, that do not tell a joint's travel
-_NO_FLICKER = 100.0  # times a reading's usual noise
-_FEW = 5  # readings in a row: steps shorter than rows repeat a lost one
+_MAX_GAP_RATIO, _MIN_READINGS = 3.0, 8
+_UNUSUAL_SHARE = 0.01  # of readings at each end, at least one, that do not tell a joint's travel
+_FLICKER_NOISES = 100.0  # of a reading's usual noise
+_MAX_LOST_ROWS = 5  # in a row: steps shorter than rows repeat a lost one
 
 
 def missing(
@@ -25,7 +25,7 @@ def missing(
     shares = np.array([[_missing(is_read) for is_read in its] for its in known])  # (E, D)
     found = []
     for label, of_episodes in zip(labels, shares.T, strict=True):
-        if (most := of_episodes.max()) > _MISSING:
+        if (most := of_episodes.max()) > _MAX_MISSING_SHARE:
             episode = episode_in_words(names, int(of_episodes.argmax()))
             says = f"{most:.0%} of the steps of {episode} lack {label}: was its log cut, or is it "
             found.append((-most, Doubt(says + "another column?", episode, label)))
@@ -35,7 +35,7 @@ def missing(
 def _missing(is_read: np.ndarray) -> float:
     """The share of (T + 1,) rows without a reading; 0 if it comes less often, but regularly."""
     gaps = np.diff(np.flatnonzero(is_read), prepend=-1, append=len(is_read))
-    is_slow = is_read.sum() >= _FEWEST and gaps.max() <= _REGULAR * np.median(gaps)
+    is_slow = is_read.sum() >= _MIN_READINGS and gaps.max() <= _MAX_GAP_RATIO * np.median(gaps)
     return 0.0 if is_slow else float((~is_read).mean())
 
 
@@ -55,11 +55,11 @@ def without_lost_packets(
     """
     values = np.sort(np.concatenate(list(measured)))
     values = values[np.isfinite(values)]
-    unusual = math.ceil(_USUAL * len(values))
+    unusual = math.ceil(_UNUSUAL_SHARE * len(values))
     if len(values) <= 2 * unusual:
         return list(measured), []
     low, high = values[unusual], values[-1 - unusual]
-    far = max(high - low, float(np.ptp(np.concatenate(list(commands)))), _NO_FLICKER * noise)
+    far = max(high - low, float(np.ptp(np.concatenate(list(commands)))), _FLICKER_NOISES * noise)
     lost = [_lost(read, low - far, high + far) for read in measured]
     if not (num := sum(map(np.sum, lost))):
         return list(measured), []
@@ -81,6 +81,6 @@ def _lost(read: np.ndarray, low: float, high: float) -> np.ndarray:
     is_out = (read[known] < low) | (read[known] > high)
     lost = np.zeros(len(read), bool)
     for start, end in np.flatnonzero(np.diff(np.pad(is_out, 1))).reshape(-1, 2):
-        if start > 0 and end < len(known) and end - start <= _FEW:
+        if start > 0 and end < len(known) and end - start <= _MAX_LOST_ROWS:
             lost[known[start:end]] = True
     return lost

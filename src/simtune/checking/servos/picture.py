@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from simtune.checking.servos.fit import ServoResponse
 from simtune.checking.servos.table import small
 
-_COLUMNS, _MOST = 2, 16  # joints side by side, and in all
+_COLUMNS, _MAX_JOINTS = 2, 16  # side by side, and in all
 _WIDTH_IN, _ROW_IN, _MARGIN_IN = 11.0, 1.9, 0.9
 _INK, _COMMAND, _LAG = "#22262b", "#9aa0a6", "#e0301e"
 
@@ -28,7 +28,7 @@ class Curve(NamedTuple):
 
 def draw_servos(path: Path, name: str, curves: Mapping[str, Curve], step_s: float) -> None:
     """Save each joint's command, its readings, and what a first-order lag makes of the command."""
-    shown = dict(list(curves.items())[:_MOST])
+    shown = dict(list(curves.items())[:_MAX_JOINTS])
     num_rows = -(-len(shown) // _COLUMNS)
     height = _ROW_IN * num_rows + _MARGIN_IN
     figure = Figure(figsize=(_WIDTH_IN, height), facecolor="white")

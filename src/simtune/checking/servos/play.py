@@ -11,11 +11,11 @@ import numpy as np
 
 from simtune.checking.servos.fit import Episodes, ServoResponse, lowest, predict
 
-_WIDTHS, _FINER, _TIMES = 8, 3, 3  # of a first grid, and of finer ones around the best
-_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the lag's delay, that are tried
-_WIDEST = 0.25  # of the commanded travel
-_BETTER = 0.85  # ratio of residuals with and without a play, below which it is reported
-_NOISES = 3.0  # factor on the readings' noise: smaller plays are ignored
+_NUM_WIDTHS, _REFINEMENT, _NUM_REFINEMENTS = 8, 3, 3  # of a first grid; of finer ones
+_LAG_SHARES = (1.0, 0.75, 0.5, 0.25, 0.0)  # of the lag's delay, that are tried
+_MAX_WIDTH_SHARE = 0.25  # of the commanded travel
+_MAX_RMS_RATIO = 0.85  # of residuals with to without a play, for it to be reported
+_MIN_WIDTH_NOISES = 3.0  # of the readings: smaller plays are ignored
 
 
 class Play(NamedTuple):
@@ -27,7 +27,9 @@ class Play(NamedTuple):
 
     def is_clear(self, noise: float) -> bool:
         """Whether it explains more than noise does."""
-        return self.width > _NOISES * noise and self.rms < _BETTER * self.rms_without
+        return (
+            self.width > _MIN_WIDTH_NOISES * noise and self.rms < _MAX_RMS_RATIO * self.rms_without
+        )
 
 
 def find_play(servo: ServoResponse, commands: Episodes, measured: Episodes, step_s: float) -> Play:
@@ -35,7 +37,7 @@ def find_play(servo: ServoResponse, commands: Episodes, measured: Episodes, step
     if not np.isfinite(servo.filtered_rms):
         return Play(np.nan, np.nan, np.nan)
     # A lag fitted alone is too long: it compensates for some of the play.
-    lags = (replace(servo, filtered_lag_s=share * servo.filtered_lag_s) for share in _SHARES)
+    lags = (replace(servo, filtered_lag_s=share * servo.filtered_lag_s) for share in _LAG_SHARES)
     plays = [_behind(predict(lag, commands, step_s), measured, servo.commanded) for lag in lags]
     best = min(plays, key=lambda play: play.rms)
     return best._replace(rms_without=min(play.rms_without for play in plays))
@@ -54,8 +56,8 @@ def _behind(followed: Episodes, measured: Episodes, commanded: float) -> Play:
         best = np.linalg.lstsq(columns, read[known], rcond=None)[0]
         return float(np.std(read[known] - columns @ best))
 
-    grid = {"num": _WIDTHS + 1, "times": _TIMES, "finer": _FINER}
-    best = lowest(left, _WIDEST * commanded, **grid, is_bound=False)
+    grid = {"num": _NUM_WIDTHS + 1, "times": _NUM_REFINEMENTS, "finer": _REFINEMENT}
+    best = lowest(left, _MAX_WIDTH_SHARE * commanded, **grid, is_bound=False)
     return Play(best, left(best), left(0.0))
 
 

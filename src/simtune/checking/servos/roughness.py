@@ -8,14 +8,14 @@ import numpy as np
 from simtune.normal import MAD_TO_STD
 
 # Of differences: smooth motion leaves less in higher ones, noise as much
-_ORDERS = range(2, 7)
-_FINEST = 1e-5  # of a joint's travel: no encoder is finer
-_HARDLY = 0.1  # of a row: noise repeats itself now and then
+_DIFFERENCE_ORDERS = range(2, 7)
+_MIN_RESOLUTION_SHARE = 1e-5  # of a joint's travel: no encoder is finer
+_REPEATED_BY_CHANCE = 0.1  # of a row: noise repeats itself now and then
 _MOST_ROWS = 4  # of which one is taken
 # Times as large are second differences of smooth motion over twice as many rows, higher ones more
-_MOTION = 4.0
-_LEVEL = 1.25  # ratio of the two orders that leave least: motion leaves less in each higher one
-_ENOUGH = 20  # differences
+_MOTION_RATIO = 4.0
+_LEVEL_RATIO = 1.25  # of the two orders that leave least: motion leaves less in each higher one
+_MIN_DIFFERENCES = 20
 
 _Read = Sequence[tuple[np.ndarray, np.ndarray]]  # rows and readings of each episode
 
@@ -38,13 +38,13 @@ def roughness(episodes: Sequence[np.ndarray]) -> float:
     if not travel > 0:
         return math.nan
     changes = np.abs(np.concatenate([np.diff(its) for _, its in read]))
-    finest = _FINEST * travel
+    finest = _MIN_RESOLUTION_SHARE * travel
     step = changes[changes > finest].min(initial=travel)
     rows = _rows_of_a_reading(read, finest)
     (noise, _), (of_fewer, next_least) = (
         _of_every(num, read) for num in (rows, min(2 * rows, _MOST_ROWS))
     )
-    if noise < of_fewer < _MOTION * noise and next_least < _LEVEL * of_fewer:
+    if noise < of_fewer < _MOTION_RATIO * noise and next_least < _LEVEL_RATIO * of_fewer:
         noise = of_fewer
     return float(max(step / math.sqrt(12), min(noise, travel)))
 
@@ -53,7 +53,7 @@ def _rows_of_a_reading(read: _Read, finest: float) -> int:
     """Of n rows with one reading all but one go on level, if held, or straight, if interpolated."""
     sizes = [_sizes(read, order) for order in (1, 2)]
     own = min((np.mean(its > finest) for its in sizes if len(its)), default=1.0)
-    return math.ceil(min(1 / max(own, 1e-9) - _HARDLY, _MOST_ROWS))
+    return math.ceil(min(1 / max(own, 1e-9) - _REPEATED_BY_CHANCE, _MOST_ROWS))
 
 
 def _of_every(num: int, read: _Read) -> tuple[float, float]:
@@ -65,7 +65,7 @@ def _of_every(num: int, read: _Read) -> tuple[float, float]:
 
 def _by_order(read: _Read) -> tuple[float, float]:
     """By the two orders of differences that leave least; infinite if no readings are left."""
-    sizes = (_sizes(read, order) for order in _ORDERS)
+    sizes = (_sizes(read, order) for order in _DIFFERENCE_ORDERS)
     found = [float(MAD_TO_STD * np.median(its)) for its in sizes if len(its)]
     least, next_least, *_ = sorted([*found, math.inf, math.inf])
     return least, next_least
@@ -88,4 +88,4 @@ def _sizes(read: _Read, order: int) -> np.ndarray:
         sizes.append(np.abs(away) / np.sqrt(sum(np.square(w) for w in weights)))
         is_even.append(at[-1] - at[0] == order * usual)
     found, even = np.concatenate(sizes), np.concatenate(is_even)
-    return found[even] if even.sum() >= _ENOUGH else found
+    return found[even] if even.sum() >= _MIN_DIFFERENCES else found

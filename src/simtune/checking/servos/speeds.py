@@ -9,8 +9,8 @@ from simtune.between_rows import read_between
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.roughness import roughness
 
-_ERROR = 0.1  # of what is commanded: that much error of a speed is let through
-_LONGEST_S = 0.5  # for which speeds are means
+_MAX_SPEED_ERROR = 0.1  # of what is commanded
+_MAX_MEAN_S = 0.5  # over which speeds are averaged
 
 
 def beside_speeds(joints: Sequence[Watched]) -> list[Watched]:
@@ -36,15 +36,15 @@ def _half_window(joint: Watched) -> int:
     noise = roughness(joint.measured)
     if not commanded > 0 or not np.isfinite(noise):
         return 1
-    needed = math.ceil(noise / (math.sqrt(2) * step_s * _ERROR * commanded))
-    longest = max(1, math.floor(_LONGEST_S / (2 * step_s)))
+    needed = math.ceil(noise / (math.sqrt(2) * step_s * _MAX_SPEED_ERROR * commanded))
+    longest = max(1, math.floor(_MAX_MEAN_S / (2 * step_s)))
     return min(max(1, needed), longest)
 
 
 def _speed(read: np.ndarray, half: int) -> np.ndarray:
     """(T + 1,) changes per step from `half` steps before to as many after; NaN at the ends.
 
-    An encoder may be slower than rows: between two of its readings it goes on straight.
+    An encoder may be slower than rows: between two of its readings it goes on smoothly.
     """
     found, rows = np.full(len(read), np.nan), np.arange(len(read))
     read = read_between(rows, rows, read)

@@ -11,19 +11,22 @@ from simtune.checking.servos.following import Following, Watched, follows
 from simtune.fit.readings.stretches import filled
 
 VELOCITIES = 'are these velocities? give the sensor quantity = "velocity"'
-_BETTER = 0.1  # by which readings follow commanded speeds better than their changes do
-_ALIKE = (0.5, 1.25)  # slopes of integrals against commands: contacts shorten a joint's way
+_MIN_CORRELATION_GAIN = 0.1  # of readings with commanded speeds over that of their changes
+_SLOPE_BOUNDS = (0.5, 1.25)  # of integrals against commands: contacts shorten a joint's way
 
 
 def are_velocities(joint: Watched, servo: ServoResponse, following: Following) -> Doubt | None:
     """A doubt if readings of positions follow a command as velocities clearly better."""
     if joint.positions:
         own = follows(joint._replace(measured=joint.positions), servo)
-        is_better = own.is_clear and abs(own.correlation) >= abs(following.correlation) + _BETTER
+        is_better = (
+            own.is_clear
+            and abs(own.correlation) >= abs(following.correlation) + _MIN_CORRELATION_GAIN
+        )
         what = "reads what follows its commanded speed"
     elif not joint.is_speed:
         own = _of_integrals(joint, servo)
-        is_alike = _ALIKE[0] < abs(own.slope) < _ALIKE[1]
+        is_alike = _SLOPE_BOUNDS[0] < abs(own.slope) < _SLOPE_BOUNDS[1]
         is_better = is_alike and own.leaves_less_than(following)
         what = "reads that whose integral follows its command"
     else:

@@ -20,9 +20,9 @@ _SMALLEST_STD = 0.01  # of the refitted worlds around the estimate, in unit coor
 FEW_EPISODES = 3  # of a refit at least: enough to compare errors with claimed std
 MANY_EPISODES = 5  # at most: a fit uses no more windows if there are more episodes
 # A refit whose misfit is larger than the real fit's by this factor has failed to converge.
-_ASTRAY = 1.5
-_TRIES = 3  # of a known world that does not diverge
-_MARGIN = 0.002  # distance of true parameters from the bounds, in unit coordinates
+_FAILED_MISFIT_RATIO = 1.5
+_MAX_TRIES = 3  # of a known world that does not diverge
+_BOUND_MARGIN = 0.002  # distance of true parameters from the bounds, in unit coordinates
 
 # Maps (N,) parameters and the latency of actions, in steps, to observations of that world; to None
 # if its physics diverges
@@ -99,7 +99,7 @@ def _film_known(
     Another one where a world diverges, so that opposite starts stay pairs; None if several do.
     """
     unit = space.to_unit(fit.parameters)
-    for _ in range(_TRIES):
+    for _ in range(_MAX_TRIES):
         truth = _world_near(fit, unit, start, rng)
         if observed := synthesize(space.from_unit(truth), fit.latency_steps):
             return truth, observed
@@ -112,7 +112,7 @@ def _world_near(
     """(N,) true parameters of a world near the `fit`'s, `unit`, all in unit coordinates."""
     # At most the prior's std: where the fit says nothing, worlds would fill the whole space.
     std = np.clip(2 * fit.std, _SMALLEST_STD, np.maximum(start.std, _SMALLEST_STD))
-    truth = np.clip(unit + std * rng.normal(size=len(unit)), _MARGIN, 1 - _MARGIN)
+    truth = np.clip(unit + std * rng.normal(size=len(unit)), _BOUND_MARGIN, 1 - _BOUND_MARGIN)
     truth[fit.known] = unit[fit.known]
     return truth
 
@@ -136,4 +136,4 @@ def _compared(fit: FitResult, refits: list[_Refit]) -> Refits:
 
 def _is_astray(refit: FitResult, fit: FitResult) -> bool:
     pairs = zip(refit.misfit.motion, fit.misfit.motion, strict=True)  # either may be NaN
-    return any(refitted > _ASTRAY * real for refitted, real in pairs)
+    return any(refitted > _FAILED_MISFIT_RATIO * real for refitted, real in pairs)

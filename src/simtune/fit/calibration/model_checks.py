@@ -1,7 +1,7 @@
 """Whether a fit explains the videos as well as refits explain those of known worlds."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from simtune.fit.motion.common_errors import Beside
 from simtune.fit.result import FitResult
 
 # Ratio to the worst refit's misfit; with few refits their worst is not very large yet.
-_DOUBTFUL, _DOUBTFUL_OF_ONE = 1.6, 1.8
+_DOUBTFUL_RATIO, _FEW_REFITS_EXTRA = 1.6, 1.8
 _GO_ON = "Give it more minutes: the same command with a larger budget goes on from here."
 _HARDLY_JUDGED = (
     "A single known world was fitted for comparison, so intervals lean on how far fits usually "
@@ -31,11 +31,11 @@ _NOTHING_FOUND = (
     "the simulator moves as the videos do cannot be tested: none of it is called identified. Film "
     "what moves larger."
 )
-_ELSEWHERE = (
+_SEEN_ELSEWHERE = (
     "What shows {} is not where the fit has it, or looks otherwise than any simulated camera shows "
     "it: there, pixels are {:.0f} of 255 levels off, {:.0f} times as far as in worlds that the "
-    "simulator can make. So these, and what pictures tell of the motion, are at most weak. Give it "
-    "more minutes or more episodes."
+    "simulator can make. So these, and what pictures tell of the motion, are at most weak. A run "
+    "with more minutes or more episodes may find it."
 )
 
 _NO_CAMERA = (
@@ -45,9 +45,9 @@ _NO_CAMERA = (
     "the same light as the others, or none."
 )
 
-_FAR_BESIDE = 2.5  # standard deviations; a camera that is right has 1, one 2 px off had 4
-_ONE_WAY = 0.5  # of that distance, that its mean is at least before a camera that stands aside
-_BESIDE = (
+_BESIDE_STDS = 2.5  # a camera that is right has 1, one 2 px off had 4
+_ONE_WAY_SHARE = 0.5  # of that distance: with less in the mean, no camera stands aside
+_SEEN_BESIDE = (
     "What moves is seen {:.1f} px beside where it is simulated, in all pictures alike (in the mean "
     "{:.1f} px {} and {:.1f} px {}). So does a camera that stands, looks or zooms otherwise than "
     "the model's, or a part of another shape. Estimates allow for it, but are surer without: "
@@ -62,6 +62,11 @@ _MISSHAPEN = (
 )
 
 
+# What may be wrong where no setting explains a motion: what cameras show, or the model
+Unexplained = Literal["nothing", "film", "model"]
+_OF_FILMS = "px"  # unit of what cameras see
+
+
 def has_comparison(refits: Refits) -> bool:
     """Whether known worlds show how far off the motion of a right simulator is."""
     return any(np.isfinite(known.motion).any() for known in refits.misfits)
@@ -69,10 +74,33 @@ def has_comparison(refits: Refits) -> bool:
 
 def is_motion_unexplained(fit: FitResult, refits: Refits) -> bool:
     """Whether the motion misfit is far larger than in refits, where the simulator is right."""
+    return bool(_unexplained_units(fit, refits))
+
+
+def what_is_unexplained(fit: FitResult, refits: Refits) -> Unexplained:
+    """Where what no setting explains may lie.
+
+    In the film alone if readings are explained, and nothing says that parts are of another length.
+    """
+    units = _unexplained_units(fit, refits)
+    if not units:
+        return "nothing"
+    return "film" if units == {_OF_FILMS} and not is_misshapen(fit) else "model"
+
+
+def lacks_known_worlds(refits: Refits) -> bool:
+    """Whether time ended before more than one could be fitted: with more of it, others are."""
+    num = len(refits.misfits)
+    return num == 1 or not (num or refits.num_diverged)
+
+
+def _unexplained_units(fit: FitResult, refits: Refits) -> set[str]:
+    """Units of the sensors whose misfit is far larger than in refits."""
     if not refits.misfits:
-        return False
-    limit = _DOUBTFUL + _DOUBTFUL_OF_ONE / len(refits.misfits)
-    return bool(max(refits.motion_ratios(fit.misfit)) > limit)
+        return set()
+    limit = _DOUBTFUL_RATIO + _FEW_REFITS_EXTRA / len(refits.misfits)
+    ratios = refits.motion_ratios(fit.misfit)
+    return {unit for (_, unit), ratio in zip(fit.sensors, ratios, strict=True) if ratio > limit}
 
 
 def model_checks(fit: FitResult, refits: Refits) -> list[str]:
@@ -83,12 +111,12 @@ def model_checks(fit: FitResult, refits: Refits) -> list[str]:
 def is_misshapen(fit: FitResult) -> bool:
     """Whether parts are seen beside where they are simulated, to different sides."""
     its = _farthest_beside(fit)
-    return its is not None and np.hypot(its.right, its.down) < _ONE_WAY * its.px
+    return its is not None and np.hypot(its.right, its.down) < _ONE_WAY_SHARE * its.px
 
 
 def _farthest_beside(fit: FitResult) -> Beside | None:
     """Of the camera whose pictures are farthest beside, if farther than known worlds' are."""
-    far = [its for its in fit.beside if its.stds > _FAR_BESIDE]
+    far = [its for its in fit.beside if its.stds > _BESIDE_STDS]
     return max(far, key=lambda its: its.stds, default=None)
 
 
@@ -100,7 +128,7 @@ def _beside(fit: FitResult) -> list[str]:
         return [_MISSHAPEN.format(its.px)]
     across = abs(its.right), "right" if its.right > 0 else "left"
     along = abs(its.down), "down" if its.down > 0 else "up"
-    return [_BESIDE.format(its.px, *across, *along)]
+    return [_SEEN_BESIDE.format(its.px, *across, *along)]
 
 
 def _of_camera(fit: FitResult) -> list[str]:
@@ -144,7 +172,7 @@ def elsewhere_warning(fit: FitResult, refits: Refits, visible: Sequence[str]) ->
         return []
     ratios, noise = refits.picture_ratios(fit.misfit)[which], np.array(fit.misfit.picture)[which]
     worst, names = int(ratios.argmax()), ", ".join(np.array(visible)[which])
-    return [_ELSEWHERE.format(names, 255 * noise[worst], ratios[worst])]
+    return [_SEEN_ELSEWHERE.format(names, 255 * noise[worst], ratios[worst])]
 
 
 def held_out_misfit(fit: FitResult, refits: Refits) -> dict[str, Any]:

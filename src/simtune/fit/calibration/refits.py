@@ -16,18 +16,18 @@ from simtune.fit.result import FitResult, Misfit
 _UNKNOWN_INFLATION = 3.0  # factor on standard deviations if there are no refits
 # Prior of the standard deviation a fit claims for a moving parameter: this, in unit coordinates, or
 # this share of the fit's initial one if that is less. It counts like two refits.
-_USUAL_STD, _USUAL_SHARE, _USUAL_COUNT = 0.005, 0.4, 2.0
+_PRIOR_STD, _PRIOR_STD_SHARE, _PRIOR_COUNT = 0.005, 0.4, 2.0
 _POOLED_COUNT = 3.0  # the pooled variance of a kind counts like three refits of each parameter
 # Prior of the ratio of errors to claimed standard deviations: 1. It counts like two refits, since
 # the first few refits may all be lucky.
-_EXPECTED_COUNT = 2.0
-_USUAL = 0.85  # quantile of the errors that gives their scale: outliers lie above
+_RATIO_PRIOR_COUNT = 2.0
+_SCALE_QUANTILE = 0.85  # of the errors, for their scale: outliers lie above
 _FEWEST_FOR_BIAS = 3  # refits
-_SHARED = 0.25, 0.75  # quantiles of the errors, between which 0 is no bias
-_FARTHEST = 3.0  # standard deviations at which errors are clipped: an outlier proves no bias
+_BIAS_QUANTILES = 0.25, 0.75  # of the errors, between which 0 is no bias
+_CLIPPING_STDS = 3.0  # of errors: an outlier proves no bias
 # Pixels that show a parameter differ from a wrong place's by this share of the full scale, and by
 # this factor more than in any refit. Of 40 whole runs, 39 had a factor of 2 at most.
-_ELSEWHERE, _FAR_NOISIER = 0.04, 6.0
+_WRONG_PLACE_NOISE, _WRONG_PLACE_RATIO = 0.04, 6.0
 
 
 @dataclass(frozen=True)
@@ -128,8 +128,8 @@ class Refits:
         by as much in all pictures.
         """
         ratios = self.picture_ratios(misfit)
-        is_far = np.isfinite(ratios) & (ratios > _FAR_NOISIER)
-        return is_far & (np.array(misfit.picture) > _ELSEWHERE)
+        is_far = np.isfinite(ratios) & (ratios > _WRONG_PLACE_RATIO)
+        return is_far & (np.array(misfit.picture) > _WRONG_PLACE_NOISE)
 
 
 def usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:
@@ -138,12 +138,12 @@ def usual_std(std: np.ndarray, fit: FitResult, rough: np.ndarray) -> np.ndarray:
     Moving parameters have a prior, which counts more the fewer refits there are. `rough`:
     (K + 1, N) standard deviations with which the fits began.
     """
-    expected = np.minimum(_USUAL_STD, _USUAL_SHARE * np.sqrt(np.square(rough).mean(0)))
+    expected = np.minimum(_PRIOR_STD, _PRIOR_STD_SHARE * np.sqrt(np.square(rough).mean(0)))
     expected = np.maximum(expected, 1e-9)
     if not len(std):
         return np.where(fit.is_moving, expected, fit.std)
     logs = np.log(np.vstack([std, fit.std]))
-    count = np.where(fit.is_moving, _USUAL_COUNT, 0.0)
+    count = np.where(fit.is_moving, _PRIOR_COUNT, 0.0)
     return np.exp((logs.sum(0) + count * np.log(expected)) / (len(logs) + count))
 
 
@@ -180,11 +180,11 @@ def _bias(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     count = len(errors)
     if count < _FEWEST_FOR_BIAS:
         return np.zeros(errors.shape[1]), np.zeros(errors.shape[1])
-    near = np.clip(errors, -_FARTHEST, _FARTHEST)
+    near = np.clip(errors, -_CLIPPING_STDS, _CLIPPING_STDS)
     mean, squares = near.mean(0), count * near.var(0)
-    variance = (squares + _EXPECTED_COUNT) / (count - 1 + _EXPECTED_COUNT) / count
+    variance = (squares + _RATIO_PRIOR_COUNT) / (count - 1 + _RATIO_PRIOR_COUNT) / count
     share = np.clip(1 - variance / np.maximum(mean**2, 1e-12), 0, 1)
-    shared = np.clip(0.0, *np.quantile(near, _SHARED, axis=0))
+    shared = np.clip(0.0, *np.quantile(near, _BIAS_QUANTILES, axis=0))
     return share * shared, share**2 * variance
 
 
@@ -208,9 +208,9 @@ def _bias_and_inflation(
             continue
         sizes = np.abs(errors[:, of_kind])  # (K, G)
         # A quantile: one failed refit must not widen all intervals.
-        usual = float(np.quantile(sizes, _USUAL)) / ndtri((1 + _USUAL) / 2)
-        pooled = count * usual**2 + _EXPECTED_COUNT
-        pooled /= count + _EXPECTED_COUNT
+        usual = float(np.quantile(sizes, _SCALE_QUANTILE)) / ndtri((1 + _SCALE_QUANTILE) / 2)
+        pooled = count * usual**2 + _RATIO_PRIOR_COUNT
+        pooled /= count + _RATIO_PRIOR_COUNT
         square = np.square(np.minimum(sizes, 3 * np.sqrt(pooled))).sum(0) + _POOLED_COUNT * pooled
         unsure = stdtrit(count + _POOLED_COUNT, 0.95) / ndtri(0.95)
         spread = square / (count + _POOLED_COUNT) + variance[of_kind]

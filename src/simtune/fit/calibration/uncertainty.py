@@ -9,7 +9,7 @@ from simtune.fit.result import FitResult, diluted
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 
-_WORTH_TELLING = 0.6  # correlation from which a pair is reported
+_MIN_TOLD_CORRELATION = 0.6
 
 
 def calibrated(fit: FitResult, refits: Refits, space: ParameterSpace) -> FitResult:
@@ -56,7 +56,7 @@ def correlated_pairs(correlation: np.ndarray, space: ParameterSpace) -> dict[str
     for i, j in zip(*np.triu_indices(len(space), 1), strict=True):
         value, (a, b) = float(correlation[i, j]), (space.parameters[i], space.parameters[j])
         is_mixed = a.is_colour and b.is_colour and a.component != b.component
-        if abs(value) >= _WORTH_TELLING and not is_mixed:
+        if abs(value) >= _MIN_TOLD_CORRELATION and not is_mixed:
             found[f"{a.name}, {b.name}"] = round(value, 2)
     return found
 

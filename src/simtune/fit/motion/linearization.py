@@ -61,6 +61,11 @@ class WindowPlayer:
         self._delta = np.maximum(spans.state * prior_std[self.unknown], _SMALLEST_DELTA)
         self._span = spans.unit
 
+    @property
+    def num_worlds(self) -> int:
+        """Played for the derivatives of one window."""
+        return 1 + len(self.unknown) + 2 * len(self._fitted)
+
     def play(
         self, windows: Windows, states: np.ndarray, units: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +94,7 @@ class WindowPlayer:
 
         Contacts make the motion rough: slopes across a small step are huge and random, and a fit
         that uses them stops where it began. So central differences span as much as windows disagree
-        on the parameters, or more.
+        on the parameters, or more. Where a world diverges on one side, the other side alone counts.
         """
         num_states, num_fitted = len(self.unknown), len(self._fitted)
         tangents = np.zeros((1 + num_states + 2 * num_fitted, self._space.num_tangent))
@@ -104,14 +109,15 @@ class WindowPlayer:
         _, predicted = self.play(windows, states, units)
         change = (predicted[1:] - predicted[0]).swapaxes(0, 1)
         # A world that diverges predicts what nothing is like: so large a change would make the
-        # window seem to know exactly what was changed.
-        lost = is_lost(predicted[1:]).T
+        # window seem to know exactly what was changed. So would one from a point that diverges.
+        lost = (is_lost(predicted[1:]) | is_lost(predicted[0])).T
         change[lost] = 0.0
         by_state = change[:, :num_states] / self._delta[:, None, None]
         rise, fall = np.split(change[:, num_states:], 2, axis=1)
-        by_parameter = (rise - fall) / (above - below)[:, None, None]
-        either = np.logical_or(*np.split(lost[:, num_states:], 2, axis=1))
-        by_parameter[either] = 0.0
+        no_rise, no_fall = np.split(lost[:, num_states:], 2, axis=1)
+        span = ~no_rise * (above - middle) + ~no_fall * (middle - below)  # (W, P)
+        span[span == 0] = np.inf
+        by_parameter = (rise - fall) / span[..., None, None]
         return WindowSlopes(predicted[0], by_state, by_parameter)
 
     def linearize(

@@ -14,7 +14,7 @@ from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.observation import AllEvidence, JointReadings
 
-_LOOSE = 300.0  # factor on the noise: offsets then hardly bias the fit
+_LOOSE_NOISE_FACTOR = 300.0  # offsets then hardly bias the fit
 
 
 def has_unknown_offsets(observed: Observed) -> bool:
@@ -29,7 +29,7 @@ def loosened(observed: Observed) -> Observed:
     """Observations whose readings with unknown offsets count little."""
 
     def loosen(part: JointReadings) -> JointReadings:
-        return replace(part, noise=_LOOSE * part.noise) if _is_unknown(part) else part
+        return replace(part, noise=_LOOSE_NOISE_FACTOR * part.noise) if _is_unknown(part) else part
 
     return replace(observed, evidence=observed.evidence.with_each(JointReadings, loosen))
 
@@ -52,8 +52,9 @@ def without_offsets(
         if isinstance(part, JointReadings):
             found = np.zeros(len(part.scale))
             if part.finds_offset:
-                residuals = part.values[at] - predicted[..., start:end]
-                found = np.nan_to_num(np.nanmedian(residuals.reshape(-1, len(found)), 0))
+                residuals = (part.values[at] - predicted[..., start:end]).reshape(-1, len(found))
+                is_read = np.isfinite(residuals).any(0)
+                found[is_read] = np.nanmedian(residuals[:, is_read], 0)
             part = replace(part, values=part.values - found)
             offsets.append(found)
         parts.append(part)

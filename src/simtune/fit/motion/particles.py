@@ -12,12 +12,12 @@ import numpy as np
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 
-_TEMPER = 0.3  # exponent of the likelihood: errors of nearby frames and keypoints are correlated
-_FRESH = 0.2  # share restarted from the first guess, in case all others are lost
+_LIKELIHOOD_EXPONENT = 0.3  # errors of nearby frames and keypoints are correlated
+_FRESH_SHARE = 0.2  # restarted from the first guess, in case all others are lost
 _FRESH_PENALTY = 2.0  # subtracted from their log weight
 _STATE_JITTER = 0.1  # in units of the first guess's usual errors
 _UNIT_JITTER = 0.005  # of parameters in unit coordinates, at each resampling
-_FEWEST = 0.5  # effective sample size, as a share of all, below which particles are resampled
+_MIN_EFFECTIVE_SHARE = 0.5  # effective sample size below which particles are resampled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class Particles:
             actions = observed.actions[:, start:end]
             played, predicted = self._play(now, unit, units, actions, actuator_states[:, start])
             evidence = observed.evidence.at(np.s_[:, None, start + new : end + 1])
-            weight = weight + _TEMPER * evidence.log_likelihood(predicted[:, :, new:])
+            weight = weight + _LIKELIHOOD_EXPONENT * evidence.log_likelihood(predicted[:, :, new:])
             share = np.exp(weight - weight.max(1, keepdims=True))
             share /= share.sum(1, keepdims=True)
             history.states.append(played[:, :, new:])
@@ -117,8 +117,8 @@ class Particles:
         num = weight.shape[1]
         states, units, weight = states.copy(), units.copy(), weight.copy()
         parent = np.tile(np.arange(num), (len(weight), 1))
-        num_fresh = int(_FRESH * num)
-        for episode in np.flatnonzero(1 / np.square(share).sum(1) < _FEWEST * num):
+        num_fresh = int(_FRESH_SHARE * num)
+        for episode in np.flatnonzero(1 / np.square(share).sum(1) < _MIN_EFFECTIVE_SHARE * num):
             at = (rng.uniform() + np.arange(num)) / num
             chosen = np.searchsorted(np.cumsum(share[episode]), at).clip(0, num - 1)
             rng.shuffle(chosen)  # the first ones are replaced by fresh particles below

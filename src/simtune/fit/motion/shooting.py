@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.fit.combine import FIRST_VARIANCE
 from simtune.fit.lateness import Lateness
 from simtune.fit.motion.actuator_replay import ActuatorReplay
@@ -31,8 +32,10 @@ _FIRST_DAMPING = 1e-2
 _DERIVED_EVERY_WITH_LAGS = 2
 _FULL_STEPS = 3  # iterations of a stage; later ones take half of each parameter step
 _EXTENDED_BLUR = 3.0
-_ENOUGH = 0.01  # standard deviation of a parameter, in unit coordinates
-_AS_WELL = 1.0  # tolerated rise of −log likelihood: distances about half as large again
+_WELL_KNOWN_STD = 0.01  # of a parameter, in unit coordinates
+_MOST_WORLDS_AT_ONCE = 512  # in which derivatives are asked: a cloth's window has hundreds
+_ASKING = "asking how well the best fit could tell: {} of {} short windows"
+_MAX_MISFIT_RISE = 1.0  # of −log likelihood: distances about half as large again
 
 
 @dataclass(frozen=True)
@@ -109,13 +112,13 @@ class Shooting:
         took_s = 0.0
         config, unit = self.config, self._begin(parameters)
         best = found = fit
-        limit = np.median(best.misfit) + _AS_WELL
+        limit = np.median(best.misfit) + _MAX_MISFIT_RISE
         num_steps = observed.actions.shape[1]
         for planned in config.longer:
             if planned > num_steps:
                 break
             began_s = time.monotonic()
-            is_known = np.diag(best.covariance).max(initial=0) < _ENOUGH**2
+            is_known = np.diag(best.covariance).max(initial=0) < _WELL_KNOWN_STD**2
             # Always try the first: it is cheap, and short windows may claim too much.
             if planned > config.longer[0] and (is_known or began_s + took_s > until_s):
                 break
@@ -137,23 +140,37 @@ class Shooting:
         return best
 
     def fisher_covariance(
-        self, observed: Observed, states: np.ndarray, parameters: np.ndarray
-    ) -> np.ndarray:
+        self,
+        observed: Observed,
+        states: np.ndarray,
+        parameters: np.ndarray,
+        budget: Budget | None = None,
+    ) -> tuple[np.ndarray, float]:
         """(P, P) best possible covariance, in unit coordinates, of a fit to such data.
 
         From the Fisher information at the true (N,) parameters and states, given as in `fit`. The
         windows' initial states are unknown, and FIRST_VARIANCE is the variance between windows.
+        Also the share of the windows that the `budget` had time for, evenly spread: the others are
+        assumed to tell as much.
         """
         unit, num = self._begin(parameters), len(self.fitted)
         windows = self._cut(observed, states, self._replay(observed, states)(unit))
-        point = LinearizationPoint(
-            windows.states, unit, np.zeros(len(windows.states)), FIRST_VARIANCE
-        )
-        information = self._step.information(windows, point)
-        eye = np.eye(information.shape[-1])
-        # As in `combine`: no window tells more than the variance between windows allows.
-        shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
-        return np.linalg.inv(shrunk.sum(0) + 1e-6 * eye)[:num, :num]
+        budget, count = budget or Budget(), len(windows.states)
+        num_parts = math.ceil(count * self._step.player.num_worlds / _MOST_WORLDS_AT_ONCE)
+        parts = [np.arange(first, count, num_parts) for first in range(min(num_parts, count))]
+        eye, num_done = np.eye(len(self._step.fitted)), 0
+        total = np.zeros_like(eye)
+        for part in budget.each(parts):
+            budget.report(_ASKING.format(num_done, count), num_done / count)
+            its, num_done = windows.of(part), num_done + len(part)
+            none = np.zeros(len(part))
+            point = LinearizationPoint(its.states, unit, none, FIRST_VARIANCE)
+            information = self._step.information(its, point)
+            # As in `combine`: no window tells more than the variance between windows allows.
+            shrunk = information @ np.linalg.inv(eye + FIRST_VARIANCE * information)
+            total += shrunk.sum(0)
+        share = num_done / count
+        return np.linalg.inv(total / share + 1e-6 * eye)[:num, :num], share
 
     def _descend(
         self,

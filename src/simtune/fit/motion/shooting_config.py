@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 DERIVED_EVERY = 3  # iterations (the chord method): derivatives cost most, and change slowly
 _LATE_BLUR = 3.0
-_LAST_PRIOR = 10.0
-_TRIED = 2  # worlds per iteration, to check whether its step lowers the cost
+_LAST_PRIOR_FACTOR = 10.0
+_TRIED_WORLDS = 2  # per iteration, to check whether its step lowers the cost
 
 
 class Stage(NamedTuple):
@@ -20,7 +20,7 @@ class Stage(NamedTuple):
         """On the standard deviation of first guesses at states."""
         # Without blur first guesses count little: they come from worlds with other parameters, so
         # they pull the parameters towards these, and make the fit too certain.
-        return _LAST_PRIOR if self.blur <= 1 else 1.0
+        return _LAST_PRIOR_FACTOR if self.blur <= 1 else 1.0
 
 
 class Spans(NamedTuple):
@@ -77,4 +77,4 @@ class ShootingConfig:
 
 def _worlds(iterations: int, num_derived: int) -> int:
     """Worlds that play each window in `iterations` iterations."""
-    return num_derived * -(-iterations // DERIVED_EVERY) + _TRIED * iterations
+    return num_derived * -(-iterations // DERIVED_EVERY) + _TRIED_WORLDS * iterations

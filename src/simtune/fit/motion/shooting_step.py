@@ -20,11 +20,11 @@ from simtune.fit.motion.shooting_config import Spans, Stage
 from simtune.fit.motion.windows import Windows
 from simtune.fit.physics import Physics
 
-_PRIOR = 3.0  # factor on the std of first guesses: the estimator overstates its accuracy
+_PRIOR_STD_FACTOR = 3.0  # on first guesses: the estimator overstates its accuracy
 _LARGEST_STEP = 0.12  # in unit coordinates
 _LARGEST_STATE_STEP = 4.0  # in prior standard deviations
 _DAMPING = (1e-6, 1e4)
-_NEARLY_ALL = 0.9  # of the windows: only those with contacts determine a height
+_WINDOWS_QUANTILE = 0.9  # of them, only those with contacts determine a height
 
 
 class Stepped(NamedTuple):
@@ -57,8 +57,8 @@ class ShootingStep:
     ):
         """`prior_std`: (2 nv,) usual errors of first guesses at states; see `WindowPlayer`."""
         self._space, self.fitted = physics.space, fitted
-        self.player = WindowPlayer(physics, prior_std * _PRIOR, fitted, spans, lateness)
-        self._prior_std = prior_std[self.player.unknown] * _PRIOR  # (F,)
+        self.player = WindowPlayer(physics, prior_std * _PRIOR_STD_FACTOR, fitted, spans, lateness)
+        self._prior_std = prior_std[self.player.unknown] * _PRIOR_STD_FACTOR  # (F,)
 
     def information(self, windows: Windows, point: LinearizationPoint) -> np.ndarray:
         """(W, P, P) information of each window on the parameters, its initial state unknown.
@@ -173,7 +173,7 @@ class ShootingStep:
         """(2 nv,) by H⁻¹ of nearly all windows, given the parameters; 0 where states are exact."""
         std = np.zeros(self._space.num_tangent)
         variance = np.linalg.inv(ridged(hessian)).diagonal(axis1=1, axis2=2)  # (W, F)
-        of_most = np.quantile(variance.clip(0), _NEARLY_ALL, 0) if len(variance) else np.inf
+        of_most = np.quantile(variance.clip(0), _WINDOWS_QUANTILE, 0) if len(variance) else np.inf
         std[self.player.unknown] = np.sqrt(of_most)
         return std
 

@@ -10,8 +10,8 @@ from simtune.fit.observed import Observed
 from simtune.fit.result import PointEstimate
 from simtune.parameters import ParameterSpace
 
-_SIDESTEP = (0.01, 0.1)  # bounds of the offset from a start, in unit coordinates
-_FARTHEST = 2.0  # cap on the factor by which a long way from the start widens the error
+_SIDESTEP_BOUNDS = (0.01, 0.1)  # of the offset from a start, in unit coordinates
+_MAX_WIDENING = 2.0  # of the error, as a factor, after a long way from the start
 
 
 class TwoSidedFit(NamedTuple):
@@ -46,7 +46,7 @@ def fit_from_two_sides(
     no longer windows.
     """
     fits, unit, moving = [], space.to_unit(start.parameters), shooting.fitted
-    aside = np.clip(start.std, *_SIDESTEP)
+    aside = np.clip(start.std, *_SIDESTEP_BOUNDS)
     for side in (-1, 1):
         begin = unit.copy()
         begin[moving] += side * aside[moving]
@@ -55,7 +55,7 @@ def fit_from_two_sides(
     one, other = (fit.unit for fit in fits)
     middle = replace(better, unit=(one + other) / 2)
     went = np.abs(middle.unit - unit[moving]) / aside[moving]
-    off = (one - other) / 2 * np.clip(went, 1, _FARTHEST)
+    off = (one - other) / 2 * np.clip(went, 1, _MAX_WIDENING)
     if until_s is not None:
         extended = shooting.extend_horizon(observed, states, start.parameters, middle, until_s)
         if extended is not middle:

@@ -8,7 +8,7 @@ import numpy as np
 from simtune.fit.observed import Observed
 from simtune.observation import AllEvidence
 
-_LEFT_OUT = 0.1  # share of an episode that windows may leave out
+_MAX_UNUSED_SHARE = 0.1  # of an episode, by windows
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,18 @@ class Windows:
             states += (units[:, index] - unit)[:, None, None] * slopes
         return states
 
+    def of(self, chosen: np.ndarray) -> "Windows":
+        """Only some windows: their indices."""
+        return Windows(
+            self.evidence.at((chosen,)),
+            self.actions[chosen],
+            self.states[chosen],
+            self.actuator_states[chosen],
+            self.episode[chosen],
+            self.step[chosen],
+            {index: (unit, slopes[chosen]) for index, (unit, slopes) in self.by_lag.items()},
+        )
+
     def first(self, steps: int) -> "Windows":
         """Only the first `steps` steps of each window."""
         evidence = self.evidence.at((slice(None), slice(steps + 1)))
@@ -51,7 +63,7 @@ def even_length(num_steps: int, steps: int) -> int:
 
 def not_longer(num_steps: int, steps: int) -> int:
     """`steps`, or less if windows of `steps` would leave out much of an episode of `num_steps`."""
-    if num_steps % steps <= _LEFT_OUT * num_steps or num_steps < steps:
+    if num_steps % steps <= _MAX_UNUSED_SHARE * num_steps or num_steps < steps:
         return min(steps, num_steps)
     return num_steps // (num_steps // steps + 1)
 

@@ -24,7 +24,7 @@ from simtune.fit.pictures.scene import SHOWN, PictureScene, PixelSlopes
 from simtune.simulation import Simulator
 from simtune.vision.image_noise import ImageNoise
 
-_ROBUST = 3.0  # noise levels from which a pixel counts less: edges, unmodelled things
+_ROBUST_STDS = 3.0  # of noise, from which a pixel counts less: edges, unmodelled things
 _SMALLEST_NOISE = 1.0 / 255
 _FIRST_NOISE = 0.1  # at least, halved in each iteration: a colour far off is no outlier yet
 _LARGEST_STEP = 0.2
@@ -32,10 +32,10 @@ _LARGEST_STEP = 0.2
 # range. As long as an object of a few pixels has another colour, its pixels count as noisy, and
 # stronger damping let it take .03 in each iteration.
 _DAMPING_STD = 1.0
-_ITERATIONS = 12, 30  # at least; at most, until no parameter moves more than _SETTLED
-_SETTLED = 0.3  # of its standard deviation
+_ITERATIONS = 12, 30  # at least; at most, until no parameter moves more than _SETTLED_STDS
+_SETTLED_STDS = 0.3
 _SQUARE_PX = 4  # neighbouring pixels are correlated: a square of 4 × 4 counts as one
-_OTHERS = 0.3  # largest share of other colours in a pixel, relative to it being all white
+_MAX_OTHER_SHARE = 0.3  # of other colours in a pixel, relative to it being all white
 _RIDGE = 1e-6  # of information, for what no picture shows
 _EXPOSURE_STD = 0.1  # prior of a picture's log exposure, which automatic cameras let drift
 _DERIVED_EVERY = 2  # iterations: derivatives cost most, and change slowly
@@ -91,7 +91,7 @@ def fit_pictures(
     fit = _Fit(simulator, pictures, simulator.space.to_unit(parameters), shown, known)
     fewest, most = _ITERATIONS
     for iteration in range(most):
-        if fit.iterate(iteration) <= _SETTLED and iteration + 1 >= fewest:
+        if fit.iterate(iteration) <= _SETTLED_STDS and iteration + 1 >= fewest:
             break
     return fit.result()
 
@@ -119,7 +119,7 @@ class _Fit:
         noise = noise_by_pixel(
             residual, slopes.shown, max(_SMALLEST_NOISE, _FIRST_NOISE / 2**number)
         )
-        robust = 1 / (1 + np.square(residual / (_ROBUST * noise))) ** 2
+        robust = 1 / (1 + np.square(residual / (_ROBUST_STDS * noise))) ** 2
         robust[scene.is_overexposed(self._frames, noise)] = 0
         cameras = self._see_known(drawn, residual, robust)
         trust = robust_weights(np.minimum(np.square(residual / noise), 9).mean(1))
@@ -188,4 +188,4 @@ def _shows(slopes: np.ndarray, unit: np.ndarray, drawn: np.ndarray) -> np.ndarra
     """(M, pixels) bool: where (K,) parameters make up nearly all of what was drawn."""
     white = np.abs(slopes).sum(0)
     others = np.abs(drawn - np.einsum("kmp,k->mp", slopes, unit))
-    return (white > SHOWN) & (others < _OTHERS * white)
+    return (white > SHOWN) & (others < _MAX_OTHER_SHARE * white)

@@ -9,15 +9,15 @@ from simtune.fit.physics import Physics
 from simtune.simulation import StateSpace
 
 # Places that show what changes between places; uneven, since a texture may repeat at even ones
-_FIRST = np.linspace(-1, 1, 25) * (0.8 + 0.2 * np.linspace(-1, 1, 25) ** 2)
+_FIRST_PLACES = np.linspace(-1, 1, 25) * (0.8 + 0.2 * np.linspace(-1, 1, 25) ** 2)
 _MOST_PLACES = 400
-_A_PIXEL = 4.0  # places for each pixel to one side, at most: neighbours are half to one apart
-_OTHER = 0.62  # of a distance, at which a texture that repeats at this distance does not
-_CLOSER = np.array([2.0, 4.0])  # times as close together, around the best place
-_TIE = 1e-6  # of a correlation, by which a place far away must look more like the frame
-_ALIKE = 0.05  # change between neighbours, in mean squares, relative to that between any places
+_PLACES_PER_PIXEL = 4.0  # to one side, at most: neighbours are half to one apart
+_UNREPEATED_SHARE = 0.62  # of a distance, at which a texture that repeats at this distance does not
+_REFINEMENTS = np.array([2.0, 4.0])  # times as close together, around the best place
+_DISTANCE_PENALTY = 1e-6  # of a correlation: a place far away must look more like the frame
+_NEIGHBOUR_CHANGE = 0.05  # in mean squares, relative to that between any places
 _DELTA = 0.01  # finite-difference step, of a position's prior std
-_SHOWS = 0.2  # least change of a keypoint, relative to its noise, that a picture's colours notice
+_MIN_CHANGE = 0.2  # of a keypoint, relative to its noise, that a picture's colours notice
 
 
 def uncertain_poses(
@@ -49,7 +49,7 @@ def uncertain_poses(
     std = 1 / np.sqrt(information + largest[unknown] ** -2.0)
     # What readings leave open may show in ways that keypoints miss: a turning ball.
     is_read = (slopes[..., num_shown:] != 0).any((1, 2))
-    shows = np.abs(slopes[..., :num_shown] * std.T[..., None]).max((1, 2), initial=0) > _SHOWS
+    shows = np.abs(slopes[..., :num_shown] * std.T[..., None]).max((1, 2), initial=0) > _MIN_CHANGE
     open_to = ~is_read | shows
     return (std[..., None] * np.eye(2 * nv)[unknown])[:, open_to]
 
@@ -75,21 +75,21 @@ def align_to_images(
     """
     real = frames.reshape(len(frames), -1).astype(np.float32)
     along = _Along(render, full_states, parameters, space, tangent)
-    drawn = np.stack([along.draw(place) for place in _FIRST])
+    drawn = np.stack([along.draw(place) for place in _FIRST_PLACES])
     changes = np.stack([places.astype(np.float32).var(0) for places in drawn.swapaxes(0, 1)])
 
     def likeness(pictures: Iterable[np.ndarray]) -> np.ndarray:
         return np.stack([_correlation(some, real, changes) for some in pictures])
 
-    most = min(_MOST_PLACES, _A_PIXEL * shift_px)
-    apart, share = along.alike_within(_best(_FIRST, likeness(drawn)), changes, most)
+    most = min(_MOST_PLACES, _PLACES_PER_PIXEL * shift_px)
+    apart, share = along.alike_within(_best(_FIRST_PLACES, likeness(drawn)), changes, most)
     places = np.linspace(-1, 1, 2 * math.ceil(1 / apart) + 1)
     found = _best(places, likeness(map(along.draw, places)))
-    for closer in apart / _CLOSER:
+    for closer in apart / _REFINEMENTS:
         near = found + closer * np.array([[0.0], [-1.0], [1.0]])  # (3, M)
         best = np.argmax(likeness(map(along.draw, near)), 0)
         found = near[best, np.arange(len(found))].clip(-1, 1)
-    return along.at(found), apart * np.abs(tangent) * max(1.0, _ALIKE / max(share, 1e-9))
+    return along.at(found), apart * np.abs(tangent) * max(1.0, _NEIGHBOUR_CHANGE / max(share, 1e-9))
 
 
 class _Along:
@@ -119,13 +119,14 @@ class _Along:
 
         `changes`: (M, pixels) variance between any places. No closer than `most_places` are.
         """
-        here, apart = self.draw(places).astype(np.float32), 2 / len(_FIRST)
+        here, apart = self.draw(places).astype(np.float32), 2 / len(_FIRST_PLACES)
         while True:
             change = np.maximum(
-                self._change(here, places, apart), self._change(here, places, _OTHER * apart)
+                self._change(here, places, apart),
+                self._change(here, places, _UNREPEATED_SHARE * apart),
             )
             share = float(np.median(change / np.maximum(2 * changes.sum(-1), 1e-9)))
-            if share <= _ALIKE or 4 / apart > most_places:
+            if share <= _NEIGHBOUR_CHANGE or 4 / apart > most_places:
                 return apart, share
             apart /= 2
 
@@ -140,7 +141,7 @@ class _Along:
 
 def _best(places: np.ndarray, likeness: np.ndarray) -> np.ndarray:
     """(M,) of (P,) places, by (P, M) likeness."""
-    return places[np.argmax(likeness - _TIE * np.abs(places)[:, None], 0)]
+    return places[np.argmax(likeness - _DISTANCE_PENALTY * np.abs(places)[:, None], 0)]
 
 
 def _correlation(drawn: np.ndarray, real: np.ndarray, weight: np.ndarray) -> np.ndarray:

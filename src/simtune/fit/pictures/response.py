@@ -21,13 +21,12 @@ from simtune.vision.image_noise import ImageNoise
 # Per camera: the logarithms of three gains and of gamma, and the offset
 NUM_CHANNELS, NUM_UNKNOWN = 3, 5
 _GAMMA, _OFFSET = NUM_CHANNELS, 4
-_DARK = 1e-3  # of the full scale: lower bound for a logarithm
-_UNUSUAL = 3.0  # standard deviations of what cameras usually do
-_ANY_GAIN = 0.5  # prior standard deviation of log gain where known colours inform it
+_LOG_FLOOR = 1e-3  # of the full scale
+_UNUSUAL_STDS = 3.0  # of what cameras usually do
+_LOG_GAIN_STD = 0.5  # prior, where known colours inform it
 # Shadows, highlights and textures are drawn wrongly in all pictures alike. So all pixels of known
-# colours together count as _FEW, each with a relative error _WRONG and an absolute one of
-# _WRONG_IN_THE_DARK.
-_FEW, _WRONG, _WRONG_IN_THE_DARK = 10, 0.02, 0.01
+# colours together count as _COUNTED_PIXELS, each with a relative and an absolute error.
+_COUNTED_PIXELS, _RELATIVE_ERROR, _ABSOLUTE_ERROR = 10, 0.02, 0.01
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class CameraResponse:
         light = seen - self.offset
         for channel in range(_GAMMA):
             slopes[channel, ..., channel] = light[..., channel]
-        slopes[_GAMMA] = light * self.gamma * np.log(np.maximum(drawn, _DARK))
+        slopes[_GAMMA] = light * self.gamma * np.log(np.maximum(drawn, _LOG_FLOOR))
         slopes[_OFFSET] = 1
         return slopes * ((seen > 0) & (seen < 1))
 
@@ -73,7 +72,7 @@ class CameraResponse:
     def is_usual(self, usual: ImageNoise) -> bool:
         """Whether gamma and offset are a camera's; a gain may be any."""
         shape = np.abs(self.unknown[_GAMMA:]) / (usual.gamma, usual.offset)
-        return bool(shape.max() < _UNUSUAL)
+        return bool(shape.max() < _UNUSUAL_STDS)
 
     def to_json(self) -> dict[str, Any]:
         return {"gain": self.gain.tolist(), "gamma": self.gamma, "offset": self.offset}
@@ -120,9 +119,9 @@ def step_by_known_colours(
         own = slice(camera, camera + NUM_UNKNOWN)
         seen = trust * (slopes[camera + _OFFSET] > 0)
         channels = seen.reshape(-1, _GAMMA).sum(0)  # each with about as much information
-        per_value = _FEW / np.maximum(channels, 1e-9)
+        per_value = _COUNTED_PIXELS / np.maximum(channels, 1e-9)
         weight = seen * np.tile(per_value, seen.shape[1] // _GAMMA)
-        weight /= np.square(_WRONG * drawn) + _WRONG_IN_THE_DARK**2
+        weight /= np.square(_RELATIVE_ERROR * drawn) + _ABSOLUTE_ERROR**2
         prior = _prior(usual, gains_are_usual=not seen.any())
         weighted = slopes[own] * weight
         information = prior + np.einsum("amp,bmp->ab", weighted, slopes[own])
@@ -140,5 +139,5 @@ def _prior(usual: ImageNoise, gains_are_usual: bool) -> np.ndarray:
     covariance = np.diag(np.square([*[usual.tint] * 3, usual.gamma, usual.offset]))
     covariance[:_GAMMA, :_GAMMA] += usual.gain**2  # exposure is common to all channels
     if not gains_are_usual:
-        covariance[:_GAMMA, :_GAMMA] = _ANY_GAIN**2 * np.eye(3)
+        covariance[:_GAMMA, :_GAMMA] = _LOG_GAIN_STD**2 * np.eye(3)
     return np.linalg.inv(covariance)

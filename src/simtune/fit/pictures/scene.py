@@ -17,7 +17,7 @@ _MARGIN_PX = 1
 _LARGEST_MOVE = 4.0  # of a pose, in standard deviations
 # By how many smoothings a lens blurs pictures at most, and a video their chroma: about 1 for one of
 # pixels that are not averaged afterwards.
-_MOST_BLUR = 1.0, 2.0
+_MAX_SMOOTHINGS = 1.0, 2.0
 
 
 class PixelSlopes(NamedTuple):
@@ -78,7 +78,7 @@ class PictureScene:
 
         float32; 1: as much as smoothing once.
         """
-        return (self.blur.reshape(-1, 2) * _MOST_BLUR).astype(np.float32)
+        return (self.blur.reshape(-1, 2) * _MAX_SMOOTHINGS).astype(np.float32)
 
     def move(self, change: np.ndarray) -> None:
         """Move the poses by (M, D)."""
@@ -139,7 +139,7 @@ class PictureScene:
             view, from_here = rendered[:, :, columns], slice(NUM_UNKNOWN * number, None)
             slopes[from_here][:NUM_UNKNOWN, :, :, columns] = response.derive(view, exposure)
             sharp, (soft, chroma) = response(view, exposure), self.blurs[number]
-            (most_soft, most_chroma), of_own = _MOST_BLUR, of_blur[2 * number :]
+            (most_soft, most_chroma), of_own = _MAX_SMOOTHINGS, of_blur[2 * number :]
             lost = _lost_sharpness(sharp)
             of_own[0, ..., columns, :] = most_soft * (lost + chroma * _lost_chroma(lost))
             of_own[1, ..., columns, :] = most_chroma * _lost_chroma(sharp + soft * lost)

@@ -6,11 +6,11 @@ from mujoco.batch import Batch
 from simtune.fit.physics import Physics
 from simtune.vision.corners import corners_of_parts
 
-_UNSEEN = 0.5  # of a sensor's noise: smaller changes of a prediction are not observed
+_UNSEEN_NOISE_SHARE = 0.5  # of a sensor's noise: smaller changes of a prediction are not observed
 _PRIOR_STDS = 5.0  # error of a first guess considered, in units of its usual error
-_LITTLE = 1 / 32  # of a change, small enough for an angle
+_SMALL_CHANGE_SHARE = 1 / 32  # small enough for an angle
 _ROUNDING = 1e-9  # m, or of a direction
-_LEAST_PX = 0.5  # that a picture shows well enough to look for the best place
+_MIN_SHIFT_PX = 0.5  # that a picture shows well enough to look for the best place
 
 
 def unobserved(physics: Physics, prior_std: np.ndarray, scale: np.ndarray) -> np.ndarray:
@@ -25,7 +25,7 @@ def unobserved(physics: Physics, prior_std: np.ndarray, scale: np.ndarray) -> np
     moved = space.move(physics.some_state, np.vstack([0 * changes[:1], changes]))
     predicted = physics.predict(moved, parameters.to_unit(parameters.nominal))
     difference = np.abs(predicted[1:] - predicted[:1]) / scale
-    return changes[difference.max(1, initial=0) < _UNSEEN]
+    return changes[difference.max(1, initial=0) < _UNSEEN_NOISE_SHARE]
 
 
 def shown_in_pictures(
@@ -47,12 +47,12 @@ def shown_in_pictures(
         return np.concatenate([corners.observe(batch), *poses], 1)
 
     states, num = physics.states(full_states), len(full_states)
-    steps = np.vstack([0 * changes[:1], _LITTLE * changes])[:, None]
+    steps = np.vstack([0 * changes[:1], _SMALL_CHANGE_SHARE * changes])[:, None]
     moved = space.move(states, np.repeat(steps, num, 1)).reshape(-1, states.shape[1])
     seen = physics.observing(see).predict(moved, physics.parameters.to_unit(parameters))
     seen = seen.reshape(len(steps), num, -1)
-    away = np.abs(seen[1:] - seen[:1]).max(1, initial=0) / _LITTLE  # (D, ·)
+    away = np.abs(seen[1:] - seen[:1]).max(1, initial=0) / _SMALL_CHANGE_SHARE  # (D, ·)
     pixels, camera = np.split(away, [2 * len(corners)], 1)
     shifts = np.where((camera > _ROUNDING).any(1), np.inf, pixels.max(1, initial=0))
-    shown = shifts >= _LEAST_PX
+    shown = shifts >= _MIN_SHIFT_PX
     return changes[shown], shifts[shown]

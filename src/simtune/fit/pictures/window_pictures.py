@@ -13,7 +13,7 @@ from simtune.fit.pictures.unseen import shown_in_pictures, unobserved
 
 # Of all frames, only those that the motion fits best: a thin leg that is a pixel off takes the
 # ground's colour. Choosing by windows was not enough: at 2 px, colours were 5 % too dark.
-_GOOD_FRAMES = 0.15, 0.6  # bounds of their share: the least that gives enough pictures
+_GOOD_FRAME_SHARES = 0.15, 0.6  # bounds: the least that gives enough pictures
 _MOTION_STDS = 3.0  # errors of a motion's fit considered, in standard deviations
 
 
@@ -66,7 +66,7 @@ def well_fitted(
     # Without the windows' ends, where states are less certain.
     margin = length // 4
     likelihood = likelihood[:, margin : length - margin]
-    share = np.clip(at_most / likelihood.size, *_GOOD_FRAMES)
+    share = np.clip(at_most / likelihood.size, *_GOOD_FRAME_SHARES)
     good = np.argwhere(likelihood >= np.quantile(likelihood, 1 - share))
     at = np.unique(np.linspace(0, len(good) - 1, at_most).round()).astype(int)
     window, step = good[at].T

@@ -8,16 +8,16 @@ import numpy as np
 from simtune.simulation.ties import dofs_of_ties
 
 _EQ = mujoco.mjtEq
-_CLOSING = (_EQ.mjEQ_CONNECT.value, _EQ.mjEQ_WELD.value)
-_ITERATIONS, _CLOSED = 12, 1e-9  # of Gauss-Newton, and a step (rad or m) that ends it
+_LOOP_EQUALITIES = (_EQ.mjEQ_CONNECT.value, _EQ.mjEQ_WELD.value)
+_ITERATIONS, _CONVERGED_STEP = 12, 1e-9  # of Gauss-Newton, and a step (rad or m) that ends it
 _LARGEST_STEP = 0.3  # rad or m: near a dead centre, a longer one may end in the mirrored pose
-_PART = 0.1  # rad or m that measured joints are moved at once, for the same reason
+_MAX_MEASURED_STEP = 0.1  # rad or m, at once, for the same reason
 _MOST_PARTS = 100
-_SINGULAR = 1e-6  # of the largest singular value: MuJoCo's rows of a planar loop are redundant
+_SINGULAR_RATIO = 1e-6  # to the largest singular value: rows of a planar loop are redundant
 # The same for velocities, whatever their units: nearer to a dead centre, where links lie on one
 # line, noise of the measured ones would be all that the others show
-_DEAD_CENTRE = 0.02
-_ELSEWHERE = 0.1  # rad or m: from a pose in which a loop may happen to be singular
+_DEAD_CENTRE_RATIO = 0.02
+_RANDOM_POSE_STD = 0.1  # rad or m: from a pose in which a loop may happen to be singular
 
 
 class ClosedLoops:
@@ -48,17 +48,18 @@ class ClosedLoops:
         if data is None:
             return []
         data.qpos[:] = model.qpos0
-        somewhere = np.random.default_rng(0).normal(0, _ELSEWHERE, model.nv)
+        somewhere = np.random.default_rng(0).normal(0, _RANDOM_POSE_STD, model.nv)
         mujoco.mj_integratePos(model, data.qpos, somewhere, 1.0)
         slopes = self._slopes(data)[:, self._passive]
-        if np.linalg.matrix_rank(slopes, tol=_SINGULAR * np.abs(slopes).max()) < slopes.shape[1]:
+        singular = _SINGULAR_RATIO * np.abs(slopes).max()
+        if np.linalg.matrix_rank(slopes, tol=singular) < slopes.shape[1]:
             return []
         return np.unique(model.dof_jntid[self._passive]).tolist()
 
     def close(self, states: np.ndarray) -> None:
         """Close loops in (n, nq + nv) `states`, each near by."""
         for state in states:
-            self._close(state, _DEAD_CENTRE)
+            self._close(state, _DEAD_CENTRE_RATIO)
 
     def follow(self, states: np.ndarray, begun: np.ndarray) -> None:
         """Close loops in (E, T, nq + nv) `states`, which follow each other from `begun` on.
@@ -78,7 +79,9 @@ class ClosedLoops:
         """
         model, nq = self.model, self.model.nq
         moved = state[self._places] - last[self._places]
-        num = int(np.clip(np.ceil(np.abs(moved).max(initial=0.0) / _PART), 1, _MOST_PARTS))
+        num = int(
+            np.clip(np.ceil(np.abs(moved).max(initial=0.0) / _MAX_MEASURED_STEP), 1, _MOST_PARTS)
+        )
         between = last.copy()
         between[nq:] = 0.0
         between[nq + self._dofs] = moved / num
@@ -91,9 +94,9 @@ class ClosedLoops:
         for start, end in zip(ends[joints], ends[joints + 1], strict=True):
             state[start:end] = between[start:end]
         state[nq + self._passive] = last[nq + self._passive]
-        self._close(state, _DEAD_CENTRE)
+        self._close(state, _DEAD_CENTRE_RATIO)
 
-    def _close(self, state: np.ndarray, singular: float = _SINGULAR) -> None:
+    def _close(self, state: np.ndarray, singular: float = _SINGULAR_RATIO) -> None:
         """Close loops in one (nq + nv) state, which has the other joints' velocities.
 
         Velocities that it tells `singular` times as well as others, or worse, stay as they are.
@@ -106,11 +109,11 @@ class ClosedLoops:
             slopes = self._slopes(data)
             if not (np.isfinite(slopes).all() and np.isfinite(data.efc_pos).all()):
                 return  # of a world that diverged
-            moved = np.linalg.lstsq(slopes[:, passive], -data.efc_pos, rcond=_SINGULAR)[0]
+            moved = np.linalg.lstsq(slopes[:, passive], -data.efc_pos, rcond=_SINGULAR_RATIO)[0]
             size = np.abs(moved).max()
             step[passive] = moved * min(1.0, _LARGEST_STEP / max(size, 1e-300))
             mujoco.mj_integratePos(model, data.qpos, step, 1.0)
-            if not size > _CLOSED:
+            if not size > _CONVERGED_STEP:
                 break
         state[:nq] = data.qpos
         opening = slopes @ state[nq:]
@@ -148,6 +151,6 @@ def _loops(model: mujoco.MjModel, measured: set[int]) -> tuple[list[int], set[in
             some += grown
             dofs = dofs.union(*(left.pop(tie) for tie in grown))
             grown = [tie for tie, its in left.items() if its & dofs]
-        if dofs & measured and np.isin(model.eq_type[some], _CLOSING).any():
+        if dofs & measured and np.isin(model.eq_type[some], _LOOP_EQUALITIES).any():
             ties, tied = ties + some, tied | dofs
     return ties, tied

@@ -9,8 +9,8 @@ from simtune.fit.readings.slopes import StretchSlopes
 
 FIRST_DAMPING = 1e-2
 _DAMPING = (1e-4, 1e6)
-_TRIED = 7  # steps, each with more damping, before the descent ends
-_ENOUGH = 1e-4  # share of the cost that a step must gain for another one to follow
+_MAX_TRIED_STEPS = 7  # each with more damping, before the descent ends
+_MIN_GAIN_SHARE = 1e-4  # of the cost, by a step, for another one to follow
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,14 @@ def stepped(start: Descent, slopes: StretchSlopes, damping: float) -> tuple[Desc
     equations = objective.equations(start.point, slopes, noise)
     shared = objective.with_prior(equations, start.point)
     before = objective.cost(start.point, objective.residuals(start.point, slopes.predicted), noise)
-    if equations.promised(*shared) < _ENOUGH * before:
+    if equations.promised(*shared) < _MIN_GAIN_SHARE * before:
         return start, damping, True
-    for _ in range(_TRIED):
+    for _ in range(_MAX_TRIED_STEPS):
         point = objective.step(start.point, equations, damping)
         residuals = objective.residuals(point, objective.play(point)[0])
         gain = before - objective.cost(point, residuals, noise)
         damping = float(np.clip(damping * (0.2 if gain > 0 else 8), *_DAMPING))
         if gain > 0:
-            is_over = gain < _ENOUGH * before
+            is_over = gain < _MIN_GAIN_SHARE * before
             return replace(start, point=point, noise=objective.noise(residuals)), damping, is_over
     return start, damping, True

@@ -10,7 +10,7 @@ from simtune.fit.readings.stretches import Stretches
 
 UNIT_DELTA = 5e-3
 # Times a reading's range in a stretch, or rad, m, or those per second if that is less than 1
-_EXPLODED = 100.0
+_EXPLODED_RANGES = 100.0
 _STATE_DELTA = 0.05  # in units of `start_std`
 
 
@@ -121,7 +121,7 @@ def changed_together(
     predicted, _ = loop.play(at.stretches, loop.measured.along(at.states, spread), all_units)
     here, there, beyond = np.split(predicted, [1, 1 + len(units)])
     other_side = np.where(is_inside[:, None, None, None], here - beyond, beyond - there[:both])
-    most = _EXPLODED * np.maximum(at.stretches.travel[:, None], 1.0)
+    most = _EXPLODED_RANGES * np.maximum(at.stretches.travel[:, None], 1.0)
     kept = (_unless_exploded(its, most) for its in (there - here, other_side))
     return Changes(here[0], *kept)
 

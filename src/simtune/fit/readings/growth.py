@@ -6,12 +6,14 @@ minimum for every other bounce. So an episode is followed for as long as errors 
 again from there, with another initial state: multiple shooting, with segments as long as can be.
 """
 
+import time
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from simtune.budget import Budget
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.read_states import ReadStates
 from simtune.fit.readings.segments import FEWEST_STEPS, Segments, may_begin
@@ -22,7 +24,10 @@ from simtune.observation import assumed_noise
 # 1 to 5 times, in episodes of robots that strike something or fall 70 to 50,000 times. Where an arm
 # strikes a flap, fits leave the noise of the readings at 5 and 10, and twice as much at 30
 MUCH = 10.0
-_AHEAD = 2  # times the longest segment so far is played to look for the end of another one
+_FOLLOWING = "looking how far episodes can be followed open loop: {:.0%}"
+_GROWING = "asking how errors of first readings grow"
+_REPORTED_EVERY_S = 5.0
+_LOOKAHEAD_RATIO = 2  # to the longest segment so far, to look for the end of another one
 
 
 def growth(loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray) -> np.ndarray:
@@ -31,9 +36,16 @@ def growth(loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray) -> np.n
     In any reading of a place; both relative to the usual noise, which is also the error's size: the
     least one would not say whether something is struck. `unit`: (N,) in unit coordinates.
     """
+    return growth_within(Budget(), loop, stretches, unit)[0]
+
+
+def growth_within(
+    budget: Budget, loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """As `growth`, and the share of the errors that there was time for."""
     erring = _erring(loop, stretches)
-    predicted, _ = loop.play(stretches, erring, np.repeat(unit[None], len(erring), 0))
-    return _grown(loop, predicted)
+    predicted = _played(budget, _GROWING, loop, stretches, erring, unit)
+    return _grown(loop, predicted), len(predicted) / len(erring)
 
 
 def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments:
@@ -44,24 +56,35 @@ def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments
     most twice as long as the longest before, so that the time that this takes is in proportion to
     an episode's. Left out is also what follows actions from before an episode.
     """
+    return follow_within(Budget(), loop, read, unit)[0]
+
+
+def follow_within(
+    budget: Budget, loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray
+) -> tuple[Segments, float]:
+    """As `follow`, and the share of the episodes that was looked at before the time was over."""
     next_begin = _next_begin(read.readings, assumed_noise(loop.sensors))
     if loop.measured.bases:
         read = loop.carried(read, unit, next_begin.shape[1] - 1)
-    following = _Following(loop, read, unit, next_begin)
+    following = _Following(loop, read, unit, next_begin, budget)
     front, found = _Front(Segments.evenly(read.readings)), list[Segments]()
-    while len(front.segments.episode):
-        erring, steps = following.looked_at(front)
+    whole, share = int(front.segments.steps.sum()), 0.0
+    while len(front.segments.episode) and not (found and budget.is_over):
+        erring, steps = following.looked_at(front, share)
         followed, front = following.advanced(front, erring, steps)
         found.append(followed)
+        left = next_begin.shape[1] - 1 - front.segments.begin
+        share = 1 - float(left.sum()) / max(1, whole)
     followed = Segments.joined(found)
-    return followed if loop.measured.pushed.any() else followed.of(followed.steps > 0)
+    followed = followed if loop.measured.pushed.any() else followed.of(followed.steps > 0)
+    return followed, share
 
 
 class _Front(NamedTuple):
     """W segments that are looked at next, no longer than a number of steps."""
 
     segments: Segments
-    longest: int = _AHEAD * FEWEST_STEPS
+    longest: int = _LOOKAHEAD_RATIO * FEWEST_STEPS
     then: np.ndarray | None = None  # (G, W, nq + nv) states to which those before have led
 
 
@@ -73,14 +96,20 @@ class _Following:
     read: ReadStates
     unit: np.ndarray
     next_begin: np.ndarray  # (E, T + 1)
+    budget: Budget
 
-    def looked_at(self, front: _Front) -> tuple[np.ndarray, np.ndarray]:
-        """(G, W, nq + nv) initial states, and the (W,) steps before their errors grow much."""
+    def looked_at(self, front: _Front, share: float) -> tuple[np.ndarray, np.ndarray]:
+        """(G, W, nq + nv) initial states, and the (W,) steps before their errors grow much.
+
+        `share`: of the episodes, looked at before.
+        """
         stretches = self.read.cut(front.segments)
         erring = _erring(self.loop, stretches)
         if front.then is not None:
             erring = np.where(self.loop.measured.pushed, front.then, erring)
-        predicted, _ = self.loop.play(stretches, erring, self._units(erring))
+        budget = self.budget.part(self.budget.seconds, (share, 1.0))
+        doing = _FOLLOWING.format(share)
+        predicted = _played(budget, doing, self.loop, stretches, erring, self.unit)
         steps = _steps_followed(_grown(self.loop, predicted))
         return erring, np.minimum(steps, front.segments.steps)
 
@@ -95,7 +124,7 @@ class _Following:
         begin = left.begin + np.where(is_kept, steps, np.maximum(settling, FEWEST_STEPS))
         begin = self.next_begin[left.episode, np.minimum(begin, last_row)]
         goes_on = ~is_rest & (begin + FEWEST_STEPS <= last_row)
-        then, longest = None, max(front.longest, _AHEAD * int(steps.max()))
+        then, longest = None, max(front.longest, _LOOKAHEAD_RATIO * int(steps.max()))
         if self.loop.measured.pushed.any() and goes_on.any():
             leading = left._replace(steps=begin - left.begin).of(goes_on)
             then = self._led(leading, erring[:, goes_on])
@@ -116,12 +145,35 @@ class _Following:
 def _erring(loop: OpenLoopReplay, stretches: Stretches) -> np.ndarray:
     """(G, W, nq + nv) initial states: as read, and with an error of each first position."""
     noise, measured = assumed_noise(loop.sensors), loop.measured
-    start_std = measured.start_std(noise, stretches)
+    # At usual noise, also where a segment begins between readings
+    start_std = measured.start_std(noise, stretches._replace(begin=None))
     num = measured.num_places  # velocities follow
     errors = np.vstack([np.zeros(num), np.eye(num), -np.eye(num)])
     tangents = (errors * start_std[:num]) @ measured.start_tangents[:num]
     spread = np.repeat(tangents[:, None], len(stretches.states), 1)
     return loop.physics.space.move(stretches.states, spread)
+
+
+def _played(
+    budget: Budget,
+    doing: str,
+    loop: OpenLoopReplay,
+    stretches: Stretches,
+    states: np.ndarray,
+    unit: np.ndarray,
+) -> np.ndarray:
+    """(G, W, K + 1, D) predictions from (G, W, nq + nv) states; of two at least, if time is over.
+
+    Slow ones are played one after the other, and reported.
+    """
+    parts, began_s, num, size = list[np.ndarray](), time.monotonic(), 0, 1
+    while num < len(states) and not (num > 1 and budget.is_over):
+        budget.report(doing, num / len(states))
+        some = states[num : num + size]
+        parts.append(loop.play(stretches, some, np.repeat(unit[None], len(some), 0))[0])
+        num += len(some)
+        size = max(1, int(_REPORTED_EVERY_S * num / max(time.monotonic() - began_s, 1e-9)))
+    return np.concatenate(parts)
 
 
 def _grown(loop: OpenLoopReplay, predicted: np.ndarray) -> np.ndarray:

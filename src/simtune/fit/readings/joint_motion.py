@@ -22,11 +22,11 @@ from simtune.observation import AllEvidence, JointReadings
 from simtune.vision.keypoint_tracks import KeypointTracks
 from simtune.vision.keypoints import Keypoints
 
-_CALM, _QUICK = 9, 3  # readings to which a parabola is fitted
-_CLEARLY = 4.0  # standard deviations of noise
-_NUDGE, _STILL_PX = 0.02, 1e-3  # change of a parameter; movement that is none
-_BEGUN = 8  # worlds in which keypoints are looked at
-_ROUNDS = 3  # in which offsets and initial states are found in turn
+_CALM_ROWS, _QUICK_ROWS = 9, 3  # to which a parabola is fitted
+_MISSED_STDS = 4.0  # of noise, by which a calm parabola misses what is quick
+_UNIT_STEP, _STILL_PX = 0.02, 1e-3  # change of a parameter; movement that is none
+_KEYPOINT_WORLDS = 8  # in which keypoints are looked at
+_OFFSET_ROUNDS = 3  # in which offsets and initial states are found in turn
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class JointMotion:
         parts = observed.evidence.parts
         values = np.concatenate([p.values for p in parts if isinstance(p, JointReadings)], -1)
         readings, offsets = Readings(observed.actions, values), np.zeros(len(self.finds_offset))
-        for _ in range(_ROUNDS if self.finds_offset.any() else 0):
+        for _ in range(_OFFSET_ROUNDS if self.finds_offset.any() else 0):
             _, predicted = self._replay(readings, unit, offsets)
             offsets = np.where(self.finds_offset, told_offsets(values - predicted), 0.0)
         replayed, predicted = self._replay(readings, unit, offsets)
@@ -84,8 +84,9 @@ def told_offsets(missed: np.ndarray) -> np.ndarray:
 
     While a gripper holds something, it is far from where it would be if nothing were in its way.
     """
+    missed = np.where(np.isfinite(missed).any((0, 1)), missed, 0.0)  # never read: 0, too
     usual, varies = np.nanmedian(missed, (0, 1)), np.nanstd(missed, (0, 1))
-    return np.where(np.abs(usual) > 2 * varies, usual, 0.0)  # never read: 0, too
+    return np.where(np.abs(usual) > 2 * varies, usual, 0.0)
 
 
 def smoothed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -94,11 +95,11 @@ def smoothed(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Parabolas through neighbours: few of them where many would leave clearly more than noise, as
     where an arm touches something.
     """
-    calm, calm_rate = (parabolas(values, _CALM, order) for order in (0, 1))
-    quick, quick_rate = (parabolas(values, _QUICK, order) for order in (0, 1))
+    calm, calm_rate = (parabolas(values, _CALM_ROWS, order) for order in (0, 1))
+    quick, quick_rate = (parabolas(values, _QUICK_ROWS, order) for order in (0, 1))
     missed = np.abs(values - calm)
     noise = MAD_TO_STD * np.median(missed, (0, 1))
-    is_quick = maximum_filter1d((missed > _CLEARLY * noise).astype(int), _CALM, axis=1) > 0
+    is_quick = maximum_filter1d((missed > _MISSED_STDS * noise).astype(int), _CALM_ROWS, axis=1) > 0
     return np.where(is_quick, quick, calm), np.where(is_quick, quick_rate, calm_rate)
 
 
@@ -136,7 +137,7 @@ def left_open(loop: OpenLoopReplay, keypoints: Keypoints, parameters: np.ndarray
     simulator, all_of_them = loop.physics.simulator, np.ones(len(keypoints), bool)
     if loop.unseen or not loop.measured.knows_all_but_objects:
         return all_of_them
-    rng, worlds = np.random.default_rng(0), np.repeat(parameters[None], _BEGUN, 0)
+    rng, worlds = np.random.default_rng(0), np.repeat(parameters[None], _KEYPOINT_WORLDS, 0)
     begun = simulator.begin(worlds, rng).states[:, 0]
     physics = Physics(simulator, keypoints.observe, begun[0])
     states, unit = physics.states(begun), physics.parameters.to_unit(parameters)
@@ -155,7 +156,7 @@ def _by_parameters(
     here, largest = physics.predict(states, unit), np.zeros(1)
     for parameter in nudged:
         other = unit.copy()
-        other[parameter] += -_NUDGE if unit[parameter] > 0.5 else _NUDGE
+        other[parameter] += -_UNIT_STEP if unit[parameter] > 0.5 else _UNIT_STEP
         largest = np.maximum(largest, np.abs(physics.predict(states, other) - here).max(0))
     return np.broadcast_to(largest, here.shape[1:])
 

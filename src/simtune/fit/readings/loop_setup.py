@@ -12,9 +12,9 @@ from simtune.observation import ObservationModel, assumed_noise, joints_of, meas
 from simtune.simulation import AnySimulator, Simulator
 from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
-_FAR_AWAY = 1e3  # in units of the model's extent
-_FEW = 3  # episodes
-_LITTLE = 0.02  # of how far readings travel
+_FAR_IN_EXTENTS = 1e3  # of the model
+_TRIED_EPISODES = 3
+_SMALL_TRAVEL_SHARE = 0.02  # of how far readings travel
 
 
 def set_up_loop(
@@ -35,7 +35,7 @@ def set_up_loop(
     for number, joint in enumerate(loose_joints(model).tolist()):
         place = model.jnt_qposadr[joint]
         if differs[place : place + 3].any():
-            state[place] += (1 + number) * _FAR_AWAY * model.stat.extent
+            state[place] += (1 + number) * _FAR_IN_EXTENTS * model.stat.extent
             untouched.append(joint)
     full_state = space.with_positions_and_velocities(begun.states[0, 0], state)
     places = measured_places(sensors)
@@ -65,13 +65,13 @@ def where_starts_show(loop: OpenLoopReplay, readings: Readings, unit: np.ndarray
     """
     if loop.elsewhere is None or not loop.unseen:
         return loop
-    few = Readings(readings.actions[:_FEW], readings.values[:_FEW])
+    few = Readings(readings.actions[:_TRIED_EPISODES], readings.values[:_TRIED_EPISODES])
     stretches = loop.cut(few, unit, np.zeros(loop.measured.num_readings))
     moved = np.where(np.isnan(loop.elsewhere), stretches.states, loop.elsewhere)
-    moved = loop.measured.bases.roll(moved, unit[: len(loop.physics.parameters)])  # another way
+    moved = loop.measured.bases.begun(moved, unit[: len(loop.physics.parameters)])  # another way
     both = np.stack([stretches.states, moved])
     predicted, _ = loop.play(stretches, both, np.repeat(unit[None], 2, 0))
-    little = assumed_noise(loop.sensors) + _LITTLE * stretches.travel[:, None]
+    little = assumed_noise(loop.sensors) + _SMALL_TRAVEL_SHARE * stretches.travel[:, None]
     shows = np.abs(predicted[1] - predicted[0]) > little
     may_show = shows.any() or is_lost(predicted).any()
     return loop if may_show else replace(loop, elsewhere=None)

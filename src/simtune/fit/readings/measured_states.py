@@ -43,7 +43,7 @@ class MeasuredStates:
         for i, dof in enumerate(self._dofs):
             tangents[i, dof] = tangents[len(places) + i, space.nv + dof] = 1.0
         self.goes_on = what_goes_on(model, sensors, untouched)  # (nq + nv,) bool
-        self.bases = Bases(physics.simulator, sensors, self.goes_on)
+        self.bases = Bases(physics.simulator, sensors, self.goes_on, physics.some_state)
         self.pushed = self.goes_on & ~self.bases.parts  # (nq + nv,) bool: by a robot
         # (S, 2 nv) directions of an initial state: each measured position, then its velocity, then
         # what is unknown of bases
@@ -104,7 +104,7 @@ class MeasuredStates:
             states[..., sensor.places] = joint_values
             states[..., self._velocities_of(sensor)] = velocities(joint_values) / step_s
         states = self.consistent.following(states, unit, self.physics.some_state)
-        states[:, 0] = self.bases.roll(states[:, 0], unit)
+        states[:, 0] = self.bases.begun(states[:, 0], unit)
         return states
 
     def change_per_late_step(self, states: np.ndarray) -> np.ndarray:
@@ -142,20 +142,23 @@ class MeasuredStates:
     def start_std(self, noise: np.ndarray, stretches: Stretches) -> np.ndarray:
         """(S,) prior std of an initial state of stretches, whose readings have noise (D,).
 
-        A jerking servo turns faster within a step than the parabola through its readings says.
+        A jerking servo turns faster within a step than the parabola through its readings says. If
+        some stretches begin between a joint's readings, it is as wide as a line may miss.
         """
-        values, (std, bends) = stretches.values, np.zeros((2, self.num_places))
+        values, begin = stretches.values, stretches.begin
+        std, bends = np.zeros((2, self.num_places))
         # Before the first reading and after the last, such as in a padded episode, nothing moves
         known = is_within(values)[:, 2:] & is_within(values)[:, :-2]
         bent = np.square(np.diff(filled(values), 2, axis=1)) * known
         bend = np.sqrt(bent.sum((0, 1)) / np.maximum(known.sum((0, 1)), 1))
+        guessed = noise if begin is None else np.hypot(noise, bend * _missed(values, begin))
         for sensor, columns in self._columns:
             if not sensor.is_velocity:
                 places = np.searchsorted(self._places, sensor.places)
-                std[places], bends[places] = noise[columns], bend[columns]
+                std[places], bends[places] = guessed[columns], bend[columns]
         step_s = self.physics.simulator.step_s
         speeds = np.hypot(_VELOCITY_ERROR * std, bends) / step_s
-        begins_later = stretches.begin is not None and bool(stretches.begin.any())
+        begins_later = begin is not None and bool(begin.any())
         of_bases = self.bases.start_std(stretches.states, begins_later)
         return np.concatenate([std, speeds, of_bases])
 
@@ -173,3 +176,14 @@ class MeasuredStates:
         """(J,) indices, in a state, of the velocities of the positions that a sensor reads."""
         dofs = self._dofs[np.searchsorted(self._places, sensor.places)]
         return self.physics.space.nq + dofs
+
+
+def _missed(values: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """(D,) by how many bends, changes of speed per row, a line between readings is off.
+
+    Midway between readings n rows apart n² / 8. 0 where all (W, K + 1, D) stretches of these (W,)
+    first rows begin with a reading; what an episode's first rows lack is guessed otherwise.
+    """
+    is_between = (np.isnan(values[:, 0]) & (begin > 0)[:, None]).any(0)
+    within, known = is_within(values).sum((0, 1)), np.isfinite(values).sum((0, 1))
+    return is_between * np.square(within / np.maximum(known, 1)) / 8

@@ -14,8 +14,8 @@ from simtune.fit.readings.slopes import StretchSlopes
 from simtune.fit.readings.timestep import change_by_timestep
 from simtune.observation import assumed_noise
 
-_FEWEST = 2.0  # effective observations per reading
-_PARTS = 5  # of a single stretch, each left out in turn
+_MIN_OBSERVATIONS = 2.0  # effective ones per reading
+_NUM_PARTS = 5  # of a single stretch, each left out in turn
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def judge(ended: Descent, slopes: StretchSlopes, budget: Budget) -> OutputErrorF
     num = len(loop.fitted)
     residuals = objective.residuals(point, slopes.predicted)
     noise, times = objective.noise(residuals), correlation_times(residuals)
-    count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _FEWEST)
+    count = np.maximum(np.isfinite(residuals).sum((0, 1)) / times, _MIN_OBSERVATIONS)
     # Degrees of freedom of each column: its own offset, its share of the parameters, and what
     # initial states explain of it
     spent = objective.finds_offset + num / len(noise)
@@ -93,7 +93,7 @@ def _scatter(
         alone = np.arange(len(episode)) if (episode == episode[0]).all() else episode
         return jackknife(*equations.by_group(alone), objective.with_prior(equations, point)[0])
     moved = []
-    for part in np.array_split(np.arange(slopes.predicted.shape[1]), _PARTS):
+    for part in np.array_split(np.arange(slopes.predicted.shape[1]), _NUM_PARTS):
         left = objective.equations(point, slopes, noise, part)
         moved.append(-np.linalg.solve(*objective.with_prior(left, point)))
     return jackknife_std(np.array(moved))

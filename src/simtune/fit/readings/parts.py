@@ -7,7 +7,7 @@ import numpy as np
 # Of the full states of worlds played at once: those of an arm's whole episodes, with a world for
 # every derivative, may need more memory than there is
 _MOST_BYTES = 2**29
-_WORTHWHILE = 0.2  # share of all steps that shorter plays must save
+_MIN_SAVED_SHARE = 0.2  # of all steps, by shorter plays
 
 
 class Part(NamedTuple):
@@ -41,6 +41,6 @@ def _of_similar_length(values: np.ndarray) -> list[tuple[np.ndarray, int]]:
     groups = [np.flatnonzero(shorter == number) for number in np.unique(shorter)]
     steps = [most if not shorter[group[0]] else int(ends[group].max()) for group in groups]
     played = sum(len(group) * its for group, its in zip(groups, steps, strict=True))
-    if played > (1 - _WORTHWHILE) * num * most:
+    if played > (1 - _MIN_SAVED_SHARE) * num * most:
         return [(np.arange(num), most)]
     return list(zip(groups, steps, strict=True))

@@ -24,7 +24,7 @@ _MOST_EPISODES = 8
 _ITERATIONS = 20  # after ten, a lag five times too long is not found yet
 # Of root mean square residuals. In worlds that began at rest, motors that ran left 1.7 times as
 # much or more, if nothing came late; where flights were cut, .8 to 1.05 times as much
-_CLEARLY = 0.9
+_MAX_RMS_RATIO = 0.9
 
 
 def recorded_loop(
@@ -72,7 +72,7 @@ def _ran_before(simulator: Simulator, first: _First) -> bool:
         if asked.is_as(first):
             return ran
     off, on = (_left(its, first) for its in (simulator, simulator.with_running_motors()))
-    answers.append((first, ran := not off < on + np.log(_CLEARLY)))
+    answers.append((first, ran := not off < on + np.log(_MAX_RMS_RATIO)))
     return ran
 
 

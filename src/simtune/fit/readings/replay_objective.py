@@ -20,7 +20,7 @@ from simtune.observation import assumed_noise
 PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
 _OFFSET_STD = 1.0  # rad or m, of offsets: as good as unknown
 _LARGEST_STEP = 0.12
-_LARGEST = 1e9  # residual, in units of the noise, whose square is taken
+_MAX_RESIDUAL = 1e9  # in units of the noise: its square is taken
 
 
 class Guess(NamedTuple):
@@ -87,7 +87,7 @@ class ReplayObjective:
         return spread(residuals, assumed_noise(self.loop.sensors))
 
     def cost(self, point: Point, residuals: np.ndarray, noise: np.ndarray) -> float:
-        size = np.minimum(np.abs(np.nan_to_num(residuals / noise)), _LARGEST)
+        size = np.minimum(np.abs(np.nan_to_num(residuals / noise)), _MAX_RESIDUAL)
         huber = np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2))
         precision, away = self._prior(point)
         of_prior = (precision * np.square(away)).sum() / 2

@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from simtune.fit.readings.stretches import is_within
+
 HUBER = 5.0  # root mean squares: larger residuals count linearly (Huber 1964)
-_CLIPPED = 3  # iterations of clipping: outliers inflate the first estimates
-_SMALLEST = 1e-6
+_CLIPPING_ITERATIONS = 3  # outliers inflate the first estimates
+_ADDED_RMS = 1e-6
 
 
 def spread(residuals: np.ndarray, unread: np.ndarray) -> np.ndarray:
@@ -17,25 +19,37 @@ def spread(residuals: np.ndarray, unread: np.ndarray) -> np.ndarray:
     known = np.isfinite(size)
     size, num = np.where(known, size, 0.0), known.sum(0)
     rms = np.sqrt(np.square(size).sum(0) / np.maximum(num, 1))
-    for _ in range(_CLIPPED):
+    for _ in range(_CLIPPING_ITERATIONS):
         rms = np.sqrt(np.square(np.minimum(size, HUBER * rms)).sum(0) / np.maximum(num, 1))
-    return np.where(num, rms + _SMALLEST, unread)
+    return np.where(num, rms + _ADDED_RMS, unread)
 
 
 def correlation_times(residuals: np.ndarray) -> np.ndarray:
-    """(D,) integrated autocorrelation times, in steps, of (W, K, D) residuals; 1 for white noise.
+    """(D,) integrated autocorrelation times, in readings, of (W, K, D) residuals; 1: white noise.
 
-    1 + 2 Σ ρ(l), summed until pairs of ρ get negative (initial positive sequence, Geyer 1992).
+    1 + 2 Σ ρ(l), summed until pairs of ρ get negative (initial positive sequence, Geyer 1992). Rows
+    may lack readings: a lag l counts by how many readings have another one l rows later.
     """
-    values = np.nan_to_num(residuals)
-    num_steps, known = values.shape[1], np.isfinite(residuals)
-    size = 2 ** int(np.ceil(np.log2(2 * num_steps)))
+    values, known = np.nan_to_num(residuals), np.isfinite(residuals)
+    within = is_within(residuals)
+    # (K, D); as one knows the mean, zero, a row without a reading adds nothing
+    covariance = _lagged_products(values) / np.maximum(_lagged_products(within.astype(float)), 1)
+    rho = covariance / np.maximum(covariance[:1], 1e-30)
+    apart = np.rint(within.sum((0, 1)) / np.maximum(known.sum((0, 1)), 1))  # rows
+    pairs = zip(rho.T, np.maximum(2 * apart, 2).astype(int), strict=True)
+    return np.array([_geyer_sum(its, rows) for its, rows in pairs])
+
+
+def _lagged_products(values: np.ndarray) -> np.ndarray:
+    """(K, D) sums, over rows that lie k apart, of products of (W, K, D)."""
+    num_rows = values.shape[1]
+    size = 2 ** int(np.ceil(np.log2(2 * num_rows)))
     power = np.abs(np.fft.rfft(values, size, axis=1)) ** 2
-    pairs = np.abs(np.fft.rfft(known.astype(float), size, axis=1)) ** 2
-    covariance = np.fft.irfft(power, size, axis=1).sum(0)[:num_steps]
-    counts = np.maximum(np.fft.irfft(pairs, size, axis=1).sum(0)[:num_steps], 1)
-    covariance = covariance / counts
-    rho = covariance / np.maximum(covariance[:1], 1e-30)  # (K, D)
-    even = rho[: num_steps - num_steps % 2].reshape(-1, 2, rho.shape[1]).sum(1)
-    kept = np.minimum.accumulate(even > 0, axis=0)
-    return np.maximum(1.0, 2 * (even * kept).sum(0) - 1)
+    return np.fft.irfft(power, size, axis=1).sum(0)[:num_rows]
+
+
+def _geyer_sum(rho: np.ndarray, pair: int) -> float:
+    """1 + 2 Σ ρ of (K,) lags, the first 1, by sums over `pair` rows: about two readings."""
+    pairs = rho[: len(rho) - len(rho) % pair].reshape(-1, pair).sum(1)
+    kept = np.minimum.accumulate(pairs > 0)
+    return max(1.0, 2 * float((pairs * kept).sum()) - 1)

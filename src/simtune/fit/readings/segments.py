@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
-from simtune.fit.motion.windows import window_starts
 from simtune.fit.readings.stretches import Readings
 
 FEWEST_STEPS = 8
@@ -21,13 +21,16 @@ class Segments(NamedTuple):
     def evenly(
         cls, readings: Readings, steps: int | None = None, at_most: int | None = None
     ) -> "Segments":
-        """Of `steps` steps, by default whole episodes, that begin with a reading.
+        """Of `steps` steps, by default whole episodes, that begin where one `may_begin`.
 
         `at_most`: limit on their number, spread evenly.
         """
         num_steps = readings.actions.shape[1]
         length = num_steps if steps is None else min(steps, num_steps)
-        episode, begin = window_starts(may_begin(readings), length, at_most)
+        episode, begin = _one_after_the_other(may_begin(readings), length)
+        if at_most is not None and len(episode) > at_most:
+            kept = np.linspace(0, len(episode) - 1, at_most).round().astype(int)
+            episode, begin = episode[kept], begin[kept]
         return cls(episode, begin, np.full(len(begin), length))
 
     @classmethod
@@ -56,7 +59,36 @@ def steps_until_next(episode: np.ndarray, begin: np.ndarray) -> np.ndarray:
 
 
 def may_begin(readings: Readings) -> np.ndarray:
-    """(E, T + 1) bool: rows with a reading, and each episode's first, or it would be lost."""
-    is_read = np.asarray(np.isfinite(readings.values).any(-1))
-    is_read[:, 0] = True
-    return is_read
+    """(E, T + 1) bool: rows with all readings that an episode has, and each episode's first.
+
+    Where there is no such row near by, those with any reading: the other joints are guessed there.
+    """
+    known = np.isfinite(readings.values)
+    is_any = np.asarray(known.any(-1))
+    is_all = is_any & (known | ~known.any(1, keepdims=True)).all(-1)
+    width = 2 * FEWEST_STEPS + 1
+    is_near = np.asarray(maximum_filter1d(is_all, width, axis=1, mode="constant"), bool)
+    may = is_all | (is_any & ~is_near)
+    may[:, 0] = True  # or the episode would be lost
+    return may
+
+
+def _one_after_the_other(may: np.ndarray, length: int) -> tuple[np.ndarray, np.ndarray]:
+    """(W,) episodes and (W,) first rows of segments of `length` steps, each as soon as it may.
+
+    `may`: (E, T + 1) bool, of which each episode's first row is one.
+    """
+    num_rows = may.shape[1]
+    rows = np.where(may, np.arange(num_rows), num_rows)
+    following = np.minimum.accumulate(rows[:, ::-1], 1)[:, ::-1]
+    episode, begin = np.arange(len(may)), np.zeros(len(may), int)
+    found = list[np.ndarray]()
+    while len(episode):
+        found.append(np.stack([episode, begin]))
+        then = np.minimum(begin + length, num_rows - 1)
+        begin = following[episode, then]
+        fits = begin + length < num_rows
+        episode, begin = episode[fits], begin[fits]
+    episode, begin = np.concatenate(found, 1)
+    in_order = np.lexsort((begin, episode))
+    return episode[in_order], begin[in_order]

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-_SIDE_EFFECT = 0.1  # of the largest effect on a reading: smaller ones are not updated
+_SIDE_EFFECT_SHARE = 0.1  # of the largest effect on a reading: smaller ones are not updated
 # Changes in units of the noise, by a start or over a parameter's range, that are never updated
-_LITTLE = {"start": 3.0, "parameter": 0.01}
+_SMALL_CHANGES = {"start": 3.0, "parameter": 0.01}
 _SMOOTH_STEPS = 11  # over which the agreement of two changes is averaged
 
 
@@ -39,8 +39,8 @@ class Groups:
         derived = np.concatenate([slopes.by_parameter, slopes.by_start], 1)
         effect = np.sqrt(np.square(derived).mean((0, 2))) / noise  # (U, D)
         is_start = np.arange(len(effect)) >= slopes.by_parameter.shape[1]
-        little = np.where(is_start, _LITTLE["start"], _LITTLE["parameter"])
-        main = effect > _SIDE_EFFECT * effect.max(0)
+        little = np.where(is_start, _SMALL_CHANGES["start"], _SMALL_CHANGES["parameter"])
+        main = effect > _SIDE_EFFECT_SHARE * effect.max(0)
         main |= effect >= effect.max(1, keepdims=True)  # each unknown has a main reading
         number, taken = np.full(len(effect), -1), []
         for unknown in np.flatnonzero(effect.max(1) > little):

@@ -7,14 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import savgol_filter
 
+from simtune.between_rows import read_between
 from simtune.observation import JointSensor
 from simtune.trajectory import Trajectory
 
 # Readings to which a parabola is fitted for a velocity: more of them would smooth away how a robot
 # starts to move from rest.
-_SMOOTHED = 3
+_SMOOTHED_ROWS = 3
 _SLOPE = np.array([-1.5, 2.0, -0.5])  # change per row of a parabola through three, at the first
-_EXTRAPOLATED = 3  # rows
+_EXTRAPOLATED_ROWS = 3
 
 
 @dataclass(frozen=True)
@@ -97,30 +98,49 @@ def travel(values: np.ndarray) -> np.ndarray:
 
 
 def filled(values: np.ndarray) -> np.ndarray:
-    """(E, T, D) with gaps filled by linear interpolation."""
-    filled, steps = values.copy(), np.arange(values.shape[1])
-    for episode, column in np.ndindex(len(values), values.shape[2]):
-        line = filled[episode, :, column]
-        known = np.isfinite(line)
-        line[~known] = np.interp(steps[~known], steps[known], line[known]) if known.any() else 0.0
-    return filled
+    """(E, T, D) with rows between readings filled on a curve through these.
+
+    Long gaps are filled on a line; before a column's first reading and after its last, it rests.
+    Without any reading, it is 0.
+    """
+    return _on_lines(_on_curves(values))
 
 
 def moving_from_the_start(values: np.ndarray) -> np.ndarray:
     """(E, T, D) `filled`, but moving before a column's first reading as it does after it.
 
-    There, rows go on as the parabola through the first three readings begins, if these are
-    neighbours.
-    For a few rows: farther away, a parabola knows nothing.
+    There, rows go on as the parabola through its first three rows begins, if no long gap is among
+    these. For a few rows: farther away, a parabola knows nothing.
     """
-    whole = filled(values)
+    curves = _on_curves(values)
+    whole, known = _on_lines(curves), np.isfinite(curves)
     for episode, column in np.ndindex(len(values), values.shape[2]):
-        line, known = whole[episode, :, column], np.isfinite(values[episode, :, column])
-        begins = int(np.argmax(known))
-        if known[begins : begins + 3].sum() == 3:
-            rows = np.minimum(np.arange(begins, 0, -1), _EXTRAPOLATED)
+        line, begins = whole[episode, :, column], int(np.argmax(known[episode, :, column]))
+        if known[episode, begins : begins + 3, column].sum() == 3:
+            rows = np.minimum(np.arange(begins, 0, -1), _EXTRAPOLATED_ROWS)
             line[:begins] -= rows * (line[begins : begins + 3] @ _SLOPE)
     return whole
+
+
+def _on_curves(values: np.ndarray) -> np.ndarray:
+    """(E, T, D) as `read_between`: NaN in long gaps, and beyond the ends."""
+    found, rows = values.copy(), np.arange(values.shape[1], dtype=float)
+    for episode, column in np.ndindex(len(values), values.shape[2]):
+        line = found[episode, :, column]
+        unread = ~np.isfinite(line)
+        if unread.any():
+            line[unread] = read_between(rows, rows, line)[unread]
+    return found
+
+
+def _on_lines(values: np.ndarray) -> np.ndarray:
+    """(E, T, D) without NaN, on lines between what is known; see `filled`."""
+    found, rows = values.copy(), np.arange(values.shape[1])
+    for episode, column in np.ndindex(len(values), values.shape[2]):
+        line = found[episode, :, column]
+        known = np.isfinite(line)
+        line[~known] = np.interp(rows[~known], rows[known], line[known]) if known.any() else 0.0
+    return found
 
 
 def unread_rows(values: np.ndarray) -> np.ndarray:
@@ -138,7 +158,7 @@ def is_within(values: np.ndarray) -> np.ndarray:
 
 def velocities(values: np.ndarray) -> np.ndarray:
     """(E, T, D) changes per step, from a parabola through neighbouring readings."""
-    return parabolas(values, _SMOOTHED, 1)
+    return parabolas(values, _SMOOTHED_ROWS, 1)
 
 
 def parabolas(values: np.ndarray, width: int, order: int) -> np.ndarray:

@@ -18,7 +18,7 @@ from simtune.fit.readings.slopes import StretchSlopes
 
 # Change without any timestep, relative to that with half of it: errors are in proportion to the
 # timestep (Euler, implicit), or to its fourth power (Runge-Kutta)
-_WITHOUT, _WITHOUT_RK4 = 2.0, 16 / 15
+_NO_TIMESTEP_FACTOR, _NO_TIMESTEP_RK4 = 2.0, 16 / 15
 _ITERATIONS = 6
 
 
@@ -43,7 +43,7 @@ def change_by_timestep(ended: Descent, slopes: StretchSlopes, budget: Budget) ->
             further.step(slopes)
     there, here = (further.descent.unit for further in both)
     is_rk4 = loop.physics.simulator.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4.value
-    return (_WITHOUT_RK4 if is_rk4 else _WITHOUT) * (there - here)[loop.fitted]
+    return (_NO_TIMESTEP_RK4 if is_rk4 else _NO_TIMESTEP_FACTOR) * (there - here)[loop.fitted]
 
 
 class _Further:

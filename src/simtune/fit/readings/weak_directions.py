@@ -11,10 +11,10 @@ from simtune.fit.readings.differences import UNIT_DELTA, DifferencePoint, change
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.slopes import StretchSlopes
 
-_WEAK = 1e-2  # information, relative to what the single parameters have
-_SHOWN = 1.0  # information in unit coordinates: what has less, no reading shows
-_MOST = 3  # directions
-MOST_WORLDS = 3 * _MOST  # that are played for all of them
+_WEAK_INFORMATION = 1e-2  # relative to what the single parameters have
+_MIN_INFORMATION = 1.0  # in unit coordinates: what has less, no reading shows
+_MAX_DIRECTIONS = 3
+MOST_WORLDS = 3 * _MAX_DIRECTIONS  # that are played for all of them
 
 
 def sharpened(
@@ -33,11 +33,11 @@ def sharpened(
     num = len(loop.fitted)
     own, mixed, others = information[:num, :num], information[:num, num:], information[num:, num:]
     own = own - mixed @ np.linalg.pinv(others) @ mixed.T
-    shown = np.flatnonzero(np.diag(own) > _SHOWN)
+    shown = np.flatnonzero(np.diag(own) > _MIN_INFORMATION)
     scale = np.sqrt(np.diag(own)[shown])
     values, vectors = np.linalg.eigh(own[np.ix_(shown, shown)] / np.outer(scale, scale))
     by_parameter = slopes.by_parameter.copy()
-    for v in vectors.T[values < _WEAK][:_MOST]:
+    for v in vectors.T[values < _WEAK_INFORMATION][:_MAX_DIRECTIONS]:
         c, back = np.zeros(num), np.zeros(num)
         c[shown], back[shown] = v / scale, v * scale
         left = _along(loop, at, c) - np.einsum("p,wpkd->wkd", c, by_parameter)

@@ -8,11 +8,11 @@ from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.stretches import Readings, Stretches, unread_rows
 from simtune.observation import assumed_noise
 
-_FIRST = 5  # steps used for the initial state
+_FIRST_STEPS = 5  # for the initial state
 # Of Gauss-Newton, until it moves by less than this share of a standard deviation. From a jerk, as
 # of a far command, it took eight; three left a joint 26 mrad off
-_MOST_ITERATIONS, _ENDED = 15, 0.1
-_GUESSED = 10.0  # added to the factor on its std for each row that was not read
+_MOST_ITERATIONS, _SETTLED_STDS = 15, 0.1
+_UNREAD_STD_FACTOR = 10.0  # added to the factor on its std, for each row that was not read
 _MOST_UNREAD = 5  # rows before the first reading over which it is found all the same
 
 
@@ -53,7 +53,9 @@ def begin_whole(
     loop = loop.by_starts_alone()
     for rows in np.unique(unread).tolist():
         alike = unread == rows
-        states[alike] = _explaining(loop, whole.of(alike).first(_FIRST + rows), unit, offsets, rows)
+        states[alike] = _explaining(
+            loop, whole.of(alike).first(_FIRST_STEPS + rows), unit, offsets, rows
+        )
     return whole, states
 
 
@@ -62,7 +64,7 @@ def _explaining(
 ) -> np.ndarray:
     """(W, nq + nv) initial states that explain the first steps best, of which some are `unread`."""
     noise, states = assumed_noise(loop.sensors), first.states
-    start_std = loop.measured.start_std(noise, first) * (1 + _GUESSED * unread)
+    start_std = loop.measured.start_std(noise, first) * (1 + _UNREAD_STD_FACTOR * unread)
     if not len(start_std):  # only velocities are read
         return states
     shift = np.zeros((len(states), len(start_std)))
@@ -73,6 +75,6 @@ def _explaining(
         step = np.linalg.solve(equations.hessian, equations.gradient[..., None])[..., 0]
         shift = shift - step
         states = loop.measured.moved(first.states, shift, start_std)
-        if np.abs(step).max() < _ENDED:
+        if np.abs(step).max() < _SETTLED_STDS:
             break
     return states

@@ -10,7 +10,7 @@ from simtune.recordings.lerobot.layout import IMAGES_PREFIX, unexpected
 from simtune.recordings.readings import readings_of
 from simtune.recordings.source import MOST_ACTIONS, Reading, choose_camera, short
 
-_NESTED = 3  # largest depth of lists within lists
+_MAX_LIST_DEPTH = 3  # of lists within lists
 _NUMERIC = re.compile(r"u?int\d+|float\d+")  # dtypes
 _NO_READINGS = ("action", "timestamp", "frame_index", "episode_index", "index", "task_index")
 
@@ -69,7 +69,7 @@ def _num_values(feature: dict[str, Any]) -> int | None:
     return shape[0] if 0 < shape[0] <= MOST_ACTIONS else None
 
 
-def _names(names: object, depth: int = _NESTED) -> Iterator[str]:
+def _names(names: object, depth: int = _MAX_LIST_DEPTH) -> Iterator[str]:
     """Names in [...], {"motors": [...]}, [[...]] or {name: place}: recorders differ."""
     if isinstance(names, dict):
         are_places = sorted(map(str, names.values())) == sorted(map(str, range(len(names))))

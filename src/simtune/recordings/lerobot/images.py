@@ -12,7 +12,7 @@ from simtune.recordings.lerobot.parquet import numbers, open_table, read_table
 from simtune.recordings.source import nearest_rows
 from simtune.recordings.still import decode_picture
 
-_AT_ONCE = 8  # pictures in memory, undecoded: a row group may hold thousands
+_PICTURES_PER_BATCH = 8  # in memory, undecoded: a row group may hold thousands
 
 
 def episode_pictures(
@@ -66,7 +66,7 @@ def stored_pictures(path: Path, key: str, rows: Sequence[int]) -> Iterator[bytes
                 first = end
                 continue
             # Asked for "a", pyarrow reads "a.b" as well.
-            for batch in file.iter_batches(_AT_ONCE, row_groups=[group], columns=[key]):
+            for batch in file.iter_batches(_PICTURES_PER_BATCH, row_groups=[group], columns=[key]):
                 column = batch.column(key)
                 while row is not None and row < first + len(column):
                     yield _content(path, key, column[row - first].as_py(), row)

@@ -11,16 +11,16 @@ import numpy as np
 from simtune.parameters.model_writer import DEFAULT_GREY
 
 _LEAST_SHININESS = 1e-5
-_WIDEST_CONE = 90.0  # degrees
-_MOST_FOCUSED = 128.0  # exponent of a spotlight
+_MAX_CUTOFF_DEG = 90.0
+_MAX_SPOT_EXPONENT = 128.0
 _LIGHTS = mujoco.mjtLightType
 _SPOT, _DIRECTIONAL = _LIGHTS.mjLIGHT_SPOT.value, _LIGHTS.mjLIGHT_DIRECTIONAL.value
 _POINT, _IMAGE = _LIGHTS.mjLIGHT_POINT.value, _LIGHTS.mjLIGHT_IMAGE.value
 NUM_GROUPS = 3  # of geoms that are seen, the first ones; the others are for contacts
 _MOST_LAMPS = 8  # at once, with the headlight
 # OpenGL "ignores unsupported light types", says MuJoCo's source; they count as lamps nevertheless
-_UNLIT = (_POINT, _IMAGE)
-_WITHOUT_LAMPS = 0.3  # ambient light
+_UNSUPPORTED_LIGHTS = (_POINT, _IMAGE)
+_NO_LAMPS_AMBIENT = 0.3
 _SRGB, _LINEAR = mujoco.mjtColorSpace.mjCOLORSPACE_SRGB, mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR
 
 
@@ -45,7 +45,7 @@ def most_matt(shininess: np.ndarray) -> np.ndarray:
 
 def focus(exponent: np.ndarray) -> np.ndarray:
     """Spotlights' exponents as OpenGL takes them: it refuses some, and then its own stays, 0."""
-    return np.where((exponent < 0) | (exponent > _MOST_FOCUSED), 0, exponent)
+    return np.where((exponent < 0) | (exponent > _MAX_SPOT_EXPONENT), 0, exponent)
 
 
 def kinds_of_lamps(kinds: np.ndarray, cutoff: np.ndarray) -> np.ndarray:
@@ -54,7 +54,7 @@ def kinds_of_lamps(kinds: np.ndarray, cutoff: np.ndarray) -> np.ndarray:
     OpenGL refuses those beyond 90°; by its own, a lamp shines everywhere, evenly.
     """
     return np.where(
-        kinds == _DIRECTIONAL, kinds, np.where(cutoff > _WIDEST_CONE, _POINT, _SPOT)
+        kinds == _DIRECTIONAL, kinds, np.where(cutoff > _MAX_CUTOFF_DEG, _POINT, _SPOT)
     ).astype(np.int32)
 
 
@@ -100,7 +100,7 @@ def _choose_lamps(model: mujoco.MjModel) -> None:
     """The first ones, or some light from everywhere if there is no lamp."""
     headlight, lamps = model.vis.headlight, np.flatnonzero(model.light_active)
     model.light_active[lamps[_MOST_LAMPS - bool(headlight.active) :]] = 0
-    model.light_active[np.isin(model.light_type, _UNLIT)] = 0
+    model.light_active[np.isin(model.light_type, _UNSUPPORTED_LIGHTS)] = 0
     if not headlight.active and not model.light_active.any():
-        headlight.active, headlight.ambient = 1, np.full(3, _WITHOUT_LAMPS)
+        headlight.active, headlight.ambient = 1, np.full(3, _NO_LAMPS_AMBIENT)
         headlight.diffuse = headlight.specular = np.zeros(3)

@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from torch.nn.functional import interpolate
 
-_KEPT = 24  # textures that pictures are cut out of
-_WIDER = 2  # a texture than a picture
+_NUM_TEXTURES = 24  # that pictures are cut out of
+_TEXTURE_SCALE = 2  # of a texture's size to a picture's
 _OCTAVES = 7
-_FLAT = 0.15  # share of pictures that one colour fills, such as an empty table
-_TINT = 60.0  # standard deviation, of 256 levels
-_EDGES = 3  # straight ones at most, with another texture beyond each
+_FLAT_SHARE = 0.15  # of pictures that one colour fills, such as an empty table
+_TINT_STD = 60.0  # of 256 levels
+_MAX_EDGES = 3  # straight ones, with another texture beyond each
 
 
 class Backdrops:
@@ -23,7 +23,7 @@ class Backdrops:
 
     def __init__(self, size: tuple[int, int]):
         self._size = size
-        self._textures = _textures((_WIDER * size[0], _WIDER * size[1]))
+        self._textures = _textures((_TEXTURE_SCALE * size[0], _TEXTURE_SCALE * size[1]))
 
     def of(self, numbers: np.ndarray) -> np.ndarray:
         """(n, H, W, 3) uint8 of (n,) whole numbers."""
@@ -32,7 +32,7 @@ class Backdrops:
     def _draw(self, rng: np.random.Generator) -> np.ndarray:
         picture = self._part(rng)
         rows, columns = (np.linspace(-1, 1, n) for n in self._size)
-        for _ in range(rng.integers(_EDGES + 1)):
+        for _ in range(rng.integers(_MAX_EDGES + 1)):
             angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(-0.8, 0.8)
             beyond = np.cos(angle) * columns + np.sin(angle) * rows[:, None] > away
             np.copyto(picture, self._part(rng), where=beyond[..., None])
@@ -40,13 +40,13 @@ class Backdrops:
 
     def _part(self, rng: np.random.Generator) -> np.ndarray:
         """(H, W, 3) cut out of a texture, in other colours; or a single colour."""
-        if rng.random() < _FLAT:
+        if rng.random() < _FLAT_SHARE:
             return np.full((*self._size, 3), rng.integers(256, size=3), np.uint8)
-        top, left = (rng.integers((_WIDER - 1) * n + 1) for n in self._size)
-        texture = self._textures[rng.integers(_KEPT)]
+        top, left = (rng.integers((_TEXTURE_SCALE - 1) * n + 1) for n in self._size)
+        texture = self._textures[rng.integers(_NUM_TEXTURES)]
         part = texture[top : top + self._size[0], left : left + self._size[1]]
         part = part[:: rng.choice([-1, 1]), :: rng.choice([-1, 1]), rng.permutation(3)]
-        ends = rng.uniform(0, 255, (2, 1)) + rng.normal(0, _TINT, (2, 3))
+        ends = rng.uniform(0, 255, (2, 1)) + rng.normal(0, _TINT_STD, (2, 3))
         first, last = ends.clip(0, 255)
         levels = np.linspace(first, last, 256).astype(np.uint8)  # (256, 3)
         return np.stack([levels[part[..., c], c] for c in range(3)], -1)
@@ -54,9 +54,9 @@ class Backdrops:
 
 @lru_cache(maxsize=4)  # each takes half a second, and a run has several renderers
 def _textures(size: tuple[int, int]) -> np.ndarray:
-    """(_KEPT, H, W, 3) uint8, which are not to be changed."""
+    """(_NUM_TEXTURES, H, W, 3) uint8, which are not to be changed."""
     rng = np.random.default_rng(0)
-    return np.stack([_texture(size, rng) for _ in range(_KEPT)])
+    return np.stack([_texture(size, rng) for _ in range(_NUM_TEXTURES)])
 
 
 def _texture(size: tuple[int, int], rng: np.random.Generator) -> np.ndarray:

@@ -12,7 +12,8 @@ from simtune.parameters import Parameter, ParameterSpace, field_of
 def before_plate(model: mujoco.MjModel, space: ParameterSpace) -> mujoco.MjModel:
     """A copy that does not draw static geoms, except those whose colour is a parameter.
 
-    Their contacts stay as they are.
+    Their contacts stay as they are. One whose size or place alone is a parameter is hidden, too, so
+    no picture shows that parameter.
     """
     model, hidden = copy.copy(model), stands_still(model)
     for parameter in space:

@@ -29,7 +29,8 @@ _NOTHING_TO_DRAW = (
     "nothing can be drawn: the model has no geoms in the groups 0 to 2, which are those that are "
     "seen; give a geom to be seen one of these groups, or use no camera"
 )
-_ONE = 16_000  # pixels of a picture that a CPU draws alone, beside a GPU that learns
+_MOST_WITH_FLEXES = 4
+_MAX_ALONE_PIXELS = 16_000  # of a picture that a CPU draws alone, beside a GPU that learns
 
 
 class Raycaster:
@@ -66,11 +67,13 @@ class Raycaster:
         num_threads = num_threads or _num_cores()
         is_cpu = device == "cpu"
         self._alone: Callable[[], Raycaster] | None = None  # draws one picture
-        if not is_cpu and size[0] * size[1] <= _ONE:
+        if not is_cpu and size[0] * size[1] <= _MAX_ALONE_PIXELS:
             settings = (1, plate, background_is_unknown)
             self._alone = cache(partial(Raycaster, model, space, camera, size, *settings))
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
+        if is_cpu and model.nflex:  # which draw a whole chunk, however few pictures are asked for
+            self._chunk = min(self._chunk, _MOST_WITH_FLEXES)
         model, sky = _with_sky(model, space, camera, size, plate, background_is_unknown)
         threads = 1 if is_cpu else num_threads
         self._idle = [  # with the beginning of the chunk that each drew last; the latest is last
@@ -149,7 +152,10 @@ def _with_sky(
     plate: np.ndarray | None,
     background_is_unknown: bool,
 ) -> tuple[mujoco.MjModel, np.ndarray | None]:
-    """The model to draw, and (H, W) packed pixels behind it; None: its own sky, drawn."""
+    """The model to draw, and (H, W) packed pixels behind it; None: its own sky, drawn.
+
+    Before a plate or an unknown background most of what stands still is hidden; see `before_plate`.
+    """
     model, number = as_opengl_reads(model), model.camera(camera).id
     if plate is not None:
         check_stands_still(model, camera)

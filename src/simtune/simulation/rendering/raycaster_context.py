@@ -25,7 +25,7 @@ from simtune.simulation.rendering.warp_model import put_model
 
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
 _COMPILING = Lock()  # Warp builds modules one at a time
-_LEFT_IN_SHADOW = 0.1  # of a lamp's light; `Primitives` take each room's own share
+_SHADOW_LIGHT_SHARE = 0.1  # of a lamp's light; `Primitives` take each room's own share
 
 
 class Context:
@@ -141,7 +141,7 @@ class Context:
         if self._with_shadows is None:
             with _COMPILING:
                 self._with_shadows = self._make(
-                    use_shadows=True, shadow_light_fraction=_LEFT_IN_SHADOW
+                    use_shadows=True, shadow_light_fraction=_SHADOW_LIGHT_SHARE
                 )
         cast = np.zeros((self._num_worlds, len(self._casts_shadow)), bool)
         cast[: len(in_world)] = in_world[:, None] & self._casts_shadow

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-_SHADOWED, _SHADOW = 0.8, (0.5, 1.0)  # share of rooms; a shadow is full but for fill light
-_REFLECTING, _MIRROR = 0.5, (0.0, 0.4)
-_BACKDROPS = 2**31
-_ASIDE = 0.3  # standard deviation, relative to a light's unit vector
+_SHADOWED_SHARE, _SHADOW_BOUNDS = 0.8, (0.5, 1.0)  # of rooms; a shadow is full but for fill light
+_REFLECTING_SHARE, _MIRROR_BOUNDS = 0.5, (0.0, 0.4)
+_NUM_BACKDROPS = 2**31
+_DIRECTION_STD = 0.3  # relative to a light's unit vector
 
 
 class StrayLight(NamedTuple):
@@ -30,10 +30,10 @@ class StrayLight(NamedTuple):
     @classmethod
     def draw(cls, num: int, rng: np.random.Generator) -> "StrayLight":
         """For `num` rooms."""
-        shadow = rng.uniform(*_SHADOW, num) * (rng.random(num) < _SHADOWED)
-        mirror = rng.uniform(*_MIRROR, num) * (rng.random(num) < _REFLECTING)
-        backdrop = rng.integers(1, _BACKDROPS, num)
-        return cls(shadow, mirror, rng.normal(0, _ASIDE, (num, 3)), backdrop)
+        shadow = rng.uniform(*_SHADOW_BOUNDS, num) * (rng.random(num) < _SHADOWED_SHARE)
+        mirror = rng.uniform(*_MIRROR_BOUNDS, num) * (rng.random(num) < _REFLECTING_SHARE)
+        backdrop = rng.integers(1, _NUM_BACKDROPS, num)
+        return cls(shadow, mirror, rng.normal(0, _DIRECTION_STD, (num, 3)), backdrop)
 
     def to_rows(self) -> np.ndarray:
         """(n, 6) float64, to be stored; see `from_rows`."""

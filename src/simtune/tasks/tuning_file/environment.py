@@ -9,6 +9,7 @@ from simtune.errors import InputError
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import MOST_STEPS
+from simtune.tasks.tuning_file.parameters import parameter_name
 from simtune.tasks.tuning_file.toml_table import TomlTable, usual_name
 from simtune.tasks.tuning_file.user_code import is_in_file, load_user_code
 
@@ -62,7 +63,7 @@ def _read(entry: TomlTable) -> Parameter:
     low = entry.number("low")
     with entry.at():
         return Parameter(
-            name=entry.text("name"),
+            name=parameter_name(entry),
             field=f"environment.{entry.choice('shows_in', ('picture', 'motion'), 'motion')}",
             nominal=entry.number("nominal"),
             low=low,

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import MODEL_FIELDS
 
-from simtune.errors import InputError, UnknownName
+from simtune.errors import InputError
 from simtune.parameters import Parameter, field_of, rows_of
 from simtune.parameters.field_index import field_index
 from simtune.parameters.fields import KINDS
@@ -44,10 +44,10 @@ def own_values(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:
 def check_field(model: mujoco.MjModel, field: str) -> None:
     """Raises InputError if there is no such field, or it holds no real numbers of its own."""
     if field not in MODEL_FIELDS:
-        if difflib.get_close_matches(field, MODEL_FIELDS, n=1):
-            raise UnknownName("field", field, "MjModel", sorted(MODEL_FIELDS))
         usual = ", ".join(sorted(f.name for f, kind in KINDS.values() if kind.makes == "number"))
-        raise InputError(f"no field {field!r} in MjModel; usual ones are: {usual}")
+        close = difflib.get_close_matches(field, MODEL_FIELDS, n=1)
+        meant = f"did you mean {close[0]!r}? " if close else ""
+        raise InputError(f"no field {field!r} in MjModel; {meant}usual ones are: {usual}")
     if reason := field_of(field).not_tunable:
         raise InputError(reason)
     if field in _DERIVED:
@@ -86,12 +86,14 @@ def check_objects(model: mujoco.MjModel, parameter: Parameter) -> None:
 
 
 def check_factor(model: mujoco.MjModel, parameter: Parameter, named: Iterable[str]) -> None:
-    """Raises InputError if the factor on several objects leaves one of those `named` as it is.
+    """Raises InputError if the factor on several objects leaves all or one `named` as they are.
 
     A pattern may choose such objects beside others.
     """
     if not parameter.is_factor:
         return
+    if parameter.field_info.form == "itself":
+        _refuse_zeros(model, parameter, own_values(model, parameter))
     for name in named:
         one = replace(parameter, objects=(name,))
         values = own_values(model, one)
@@ -137,13 +139,7 @@ def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
     if info.form != "itself":
         values = _without_form(model, parameter, values)
     if parameter.is_factor:
-        if not values.any():
-            of, _, attribute = parameter.field.partition("_")
-            one = f"the joints a {attribute}" if of in ("dof", "jnt") else "it another value"
-            raise InputError(
-                f"{parameter.field} is 0 there, so a factor changes nothing: give {one} in the "
-                "model"
-            )
+        _refuse_zeros(model, parameter, values)
         return 1.0
     if values.size and (values == values.flat[0]).all():
         return float(str(values.flat[0]))  # a single-precision 0.7 is 0.7
@@ -154,6 +150,18 @@ def own_nominal(model: mujoco.MjModel, parameter: Parameter) -> float:
         f"{parameter.field} has {values.size} numbers: say which by component, "
         f"0 to {values.size - 1}"
     )
+
+
+def _refuse_zeros(model: mujoco.MjModel, parameter: Parameter, values: np.ndarray) -> None:
+    """Raises InputError if all objects of a factor have the value 0."""
+    if not values.any():
+        of, _, attribute = parameter.field.partition("_")
+        one = f"the joints a {attribute}" if of in ("dof", "jnt") else "it another value"
+        flexes = " (a flex's elasticity and damping cannot be tuned)" if model.nflex else ""
+        raise InputError(
+            f"{parameter.field} is 0 there, so a factor changes nothing: give {one} in the model"
+            f"{flexes}"
+        )
 
 
 def _has_own(model: mujoco.MjModel, parameter: Parameter) -> np.ndarray:

@@ -1,13 +1,17 @@
 """The files that a tuning file consists of: itself, its model, meshes, pictures, code."""
 
+import html
 import os
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-_TEXTS = (".toml", ".xml", ".mjcf", ".urdf", ".py")  # files that may name others
-_QUOTED = re.compile(r"""(?=(["'])([^"'\n]+)\1)""")  # also after an apostrophe in a comment
-_NUMBERS = re.compile(r"[-+.\deE\s]+")
+_XML = (".xml", ".mjcf", ".urdf")  # which write "&" as "&amp;"
+_TEXTS = (".toml", ".py", *_XML)  # files that may name others
+# Each quote with the next alike, so that a lone apostrophe in a comment hides no name
+_QUOTED = re.compile(r"""(?="([^"\n]+)"|'([^'\n]+)')""")
+# Such as "0 1e-3", of which a model has many; ".." and "2" may be folders
+_NUMBERS = re.compile(r"(?=.*\d)(?!\d+$)[-+.\deE\s]+")
 _PACKAGE = re.compile(r"package:/+([^/]+)/(.+)")
 _IN_CODE = re.compile(r"(.+\.py):\w+")
 _IMPORT = re.compile(r"^\s*(?:from|import)\s+(\w+)", re.MULTILINE)
@@ -38,10 +42,11 @@ def _joined(folders: Iterable[str], names: Iterable[str]) -> set[str]:
 
 def _names(file: Path) -> Iterator[str]:
     """Texts in a file that may be names of other files."""
-    if file.suffix.lower() not in _TEXTS:
+    if (kind := file.suffix.lower()) not in _TEXTS:
         return
     text = file.read_text(encoding="utf-8", errors="ignore")
-    for _, quoted in _QUOTED.findall(text):
+    for quoted in ("".join(either) for either in _QUOTED.findall(text)):
+        quoted = html.unescape(quoted) if kind in _XML else quoted
         if match := _IN_CODE.fullmatch(quoted):
             yield match[1]
         elif _PACKAGE.fullmatch(quoted):

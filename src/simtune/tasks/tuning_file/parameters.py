@@ -73,6 +73,14 @@ def _prepared(spec: mujoco.MjSpec, space: ParameterSpace, step_s: float) -> mujo
         raise InputError(f"MuJoCo allows no {name} there: {one_line(error)}") from None
 
 
+def parameter_name(entry: TomlTable) -> str:
+    """A parameter's name, which options and tables list with others. Raises InputError."""
+    name = entry.text("name")
+    if not re.fullmatch(r"[A-Za-z0-9_\-]+", name):
+        raise entry.error(f"name must be letters, digits, _ and - only, got {name!r}", "name")
+    return name
+
+
 def read_known_colours(file: TomlTable, space: ParameterSpace) -> dict[str, float]:
     """{parameter: value} of the colours with `known = true`. Raises InputError."""
     known: dict[str, float] = {}
@@ -89,9 +97,7 @@ def _read(
     entry: TomlTable, model: mujoco.MjModel, cameras: Sequence[str], unsure: Set[str]
 ) -> list[Parameter]:
     """`unsure`: bodies of `_of_unsure_inertia`."""
-    name = entry.text("name")
-    if not re.fullmatch(r"[A-Za-z0-9_\-]+", name):
-        raise entry.error(f"name must be letters, digits, _ and - only, got {name!r}", "name")
+    name = parameter_name(entry)
     if "field" in entry and "kind" in entry:
         raise entry.error(f"{name} has both kind and field: expected one of them", "field")
     if "field" in entry:

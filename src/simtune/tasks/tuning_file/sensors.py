@@ -29,7 +29,10 @@ def read_sensors(file: TomlTable, model: mujoco.MjModel) -> tuple[JointSensor, .
                 "name",
             )
         if sensor.name in _KINDS:
-            raise entry.error(f"{sensor.name!r} is what --observe calls all of a kind", "name")
+            raise entry.error(
+                f"{sensor.name!r} is what --observe calls all {sensor.name}: choose another name",
+                "name",
+            )
         if sensor.name in [other.name for other in sensors]:
             raise entry.error(f"there are two sensors {sensor.name!r}", "name")
         sensors.append(sensor)

@@ -10,8 +10,8 @@ from simtune.observation import JointSensor, assumed_noise, declared_noise
 
 FAR_MORE = 4.0  # factor on the noise that a sensor declares
 CLEARLY_BETTER = 0.02  # relative decrease of residuals that counts as better, for a fit or a delay
-_CLOSE = 0.01  # in unit coordinates
-_AWAY = 0.025  # at least, must a fit have begun from an answer to confirm it
+_MAX_END_DISTANCE = 0.01  # in unit coordinates
+_MIN_START_DISTANCE = 0.025  # from an answer, for a fit to confirm it
 
 
 class BestDescent(NamedTuple):
@@ -25,6 +25,8 @@ class BestDescent(NamedTuple):
     num_fits: int
     # Of whole episodes, or of the segments that can be followed, not stretches of the last horizon
     is_whole: bool
+    # Whether time ended it before two agreed, and before the most fits that are made
+    lacked_time: bool = False
 
 
 def best_of(fits: Sequence[Descent], moving: np.ndarray, is_whole: bool) -> BestDescent:
@@ -84,6 +86,6 @@ def _next_to_best(fits: Sequence[Descent], moving: np.ndarray) -> list[Descent]:
         ended, begun = (
             np.abs(unit - earlier.unit)[moving].max() for unit in (later.unit, later.begun)
         )
-        return bool(ended < _CLOSE and begun >= _AWAY)
+        return bool(ended < _MAX_END_DISTANCE and begun >= _MIN_START_DISTANCE)
 
     return [fit for number, fit in enumerate(fits) if number == best or confirms(number)]

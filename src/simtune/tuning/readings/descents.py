@@ -16,9 +16,9 @@ from simtune.tuning.readings.agreement import CLEARLY_BETTER, two_agree
 from simtune.tuning.readings.horizons import AT_LATENCY, Horizon, Horizons, Latency, longest_latency
 
 MOST_LEFT = 0.5  # steps of a delay that are left to a lateness
-_INSIDE = 0.1  # of the range, kept from its ends: at a bound nothing moves inward
-_HURRY = 0.3  # share of the time, after which two that agree suffice to go on
-_FEW = 3  # episodes that tell how far replays can be followed
+_START_MARGIN = 0.1  # of the range, kept from its ends: at a bound nothing moves inward
+_HURRY_TIME_SHARE = 0.3  # after which two that agree suffice to go on
+_HORIZON_EPISODES = 3  # that tell how far replays can be followed
 
 
 class ReadingsDescents:
@@ -45,7 +45,7 @@ class ReadingsDescents:
     def begin(self, first_guess: np.ndarray) -> list[Guess]:
         """The first guess, (N,) in unit coordinates, and random ones for the first horizon."""
         low, high = self._bounds
-        rng, inside = stream(self._seed, Purpose.DESCENTS), _INSIDE * (high - low)
+        rng, inside = stream(self._seed, Purpose.DESCENTS), _START_MARGIN * (high - low)
         units = [np.clip(first_guess, low + inside, high - inside)]
         count = self._horizons.growing[0].guesses
         units += [rng.uniform(low, high) for _ in range(count - 1)]
@@ -58,7 +58,9 @@ class ReadingsDescents:
 
         Stretches that are longer lead astray: a robot that a controller balances falls in them.
         """
-        few = Readings(self._readings.actions[:_FEW], self._readings.values[:_FEW])
+        few = Readings(
+            self._readings.actions[:_HORIZON_EPISODES], self._readings.values[:_HORIZON_EPISODES]
+        )
         steps = self._method.followed(few, guess).steps
         if not steps.any():
             return 0.0
@@ -79,7 +81,7 @@ class ReadingsDescents:
             followed = guesses[: 2 if two_agree(ended) else horizon.guesses]
             ended = []
             for guess in followed:
-                if two_agree(ended) and budget.spent > _HURRY:
+                if two_agree(ended) and budget.spent > _HURRY_TIME_SHARE:
                     break
                 near = self._near.get(stretches := (stage.steps, stage.at_most))
                 ended.append(self._method.descend(readings, guess, stage, budget, near))

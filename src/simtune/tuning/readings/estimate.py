@@ -11,7 +11,6 @@ from the better of both.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,30 +21,27 @@ from simtune.fit import (
     JointMotion,
     OpenLoopReplay,
     PointEstimate,
+    Unexplained,
     correlated_pairs,
     set_up_loop,
 )
-from simtune.normal import STDS_90
 from simtune.observation import advanced, finds_offset, joints_of
-from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.readings.combined import (
+    contradicting,
+    covering_both,
+    doubted_beside_film,
+    merged,
+    normal_std,
+)
 from simtune.tuning.readings.search import ReadingsSearch
 from simtune.tuning.readings.verdict import ReadingsResult
 from simtune.tuning.search import SearchContext
-from simtune.verdicts import at_most_weak
 
-_CONTRADICTION = (
-    "Joint readings and videos contradict each other on {}: [{:.4g}, {:.4g}] by readings alone, "
-    "[{:.4g}, {:.4g}] with videos. The model lacks something, or one of them is wrong; the "
-    "interval covers both."
-)
 _NO_SAY = "Joint readings alone had no say in the estimates: "
-# Standard deviations between means from which two estimates contradict each other. That their
-# intervals do not meet says less: a wide one misses the truth once in ten times.
-_CONTRADICTS = 3.0
 
 
 def search_of(
@@ -66,12 +62,28 @@ def search_of(
 
 
 class ReadingsEstimate:
-    """An estimate from readings, and which of its parameters are held."""
+    """An estimate from readings, which of its parameters are held, and which count in the end.
 
-    def __init__(self, fit: ReadingsResult, joints: JointMotion | None = None):
-        """`joints`: if everything is read but loose objects."""
+    What decides, of the whole fit and then of each parameter:
+
+    is_in_time  no delay is left that the fit cannot describe
+    is_trusted  besides, two fits agree, starts are read, and no more is left than is declared
+    is_used     if trusted; in time suffices where all but loose objects is read. Else readings have
+                no say: none of the below applies, and actions count as on time
+    is_held     identified, or at least weak where all but loose objects is read: no fit to videos
+                changes it
+    own         no wider than with videos: the result is this one
+    apart       the two are over three standard deviations apart: the result covers both
+
+    What is `own` is one of motion, held or not. It stays "identified" beside a film that no setting
+    explains only if the readings are trusted and it may be the film that is wrong.
+    """
+
+    def __init__(self, fit: ReadingsResult, first: Distribution, joints: JointMotion | None = None):
+        """`first`: the first range; `joints`: if everything is read but loose objects."""
         estimate = fit.estimate
         self._estimate, self._range, self.joints = estimate, fit.distribution, joints
+        self._first, self._is_trusted, self.lacked_time = first, fit.is_trusted, fit.lacked_time
         # Whether the readings have a say, as in how late actions are
         self.is_used = fit.is_trusted or (joints is not None and fit.is_in_time)
         enough = ("identified",) if joints is None else ("identified", "weak")
@@ -89,7 +101,7 @@ class ReadingsEstimate:
         loop = set_up_loop(context.simulator, context.observation, context.start)
         if loop.measured.knows_all_but_objects:
             joints = JointMotion(loop, finds_offset(loop.sensors))
-        return cls(search.fit(real, budget), joints)
+        return cls(search.fit(real, budget), search.first, joints)
 
     def fit_config(self, config: FitConfig) -> FitConfig:
         """How to fit what readings leave open."""
@@ -121,91 +133,37 @@ class ReadingsEstimate:
     def start(self, guess: PointEstimate) -> PointEstimate:
         """Start of a fit: held parameters as readings have them, the others from `guess`."""
         space, told = self._range.space, self._estimate
-        std = _std(told, space)
+        std = normal_std(told, space)
         return PointEstimate(
             np.where(self.is_held, told.mean, guess.parameters),
             np.where(self.is_held, std, guess.std),
         )
 
-    def combined_with(self, estimate: Estimate) -> Estimate:
+    def combined_with(self, estimate: Estimate, unexplained: Unexplained = "nothing") -> Estimate:
         """Each parameter from the estimate of readings and video, or from this one if narrower.
 
-        If any parameter comes from this one, so do its warnings and offsets. Where the two
-        contradict each other, the interval covers both.
+        The offsets are this one's if any parameter is; its warnings are told if it is used, and
+        else that it is not. Where the two contradict each other, the interval covers both.
+        `unexplained`: what may be wrong where no setting explains the motion.
         """
         space, told = self._range.space, self._estimate
-        std, of_both = _std(told, space), _std(estimate, space)
         is_comparable = ~space.is_appearance & self.is_used
-        own = (std <= of_both) & is_comparable
-        distance = np.abs(space.to_unit(told.mean) - space.to_unit(estimate.mean))
-        apart = is_comparable & (distance > _CONTRADICTS * np.hypot(std, of_both))
-        merged = _covering_both(apart, _merged(own, told, estimate), told, estimate, space.names)
+        own = is_comparable & (normal_std(told, space) <= normal_std(estimate, space))
+        apart = is_comparable & contradicting(told, estimate, space)
+        both = merged(own, told, estimate)
+        both = covering_both(apart, both, told, estimate, self._first)
+        both = doubted_beside_film(both, own, unexplained, self._is_trusted, space.names)
         doubts = told.warnings
-        if not own.any():
-            doubts = [_NO_SAY + w for w in doubts if not self.is_used and w not in merged.warnings]
-        together = {} if merged.correlation is None else correlated_pairs(merged.correlation, space)
+        if not self.is_used:
+            doubts = [_NO_SAY + warning for warning in doubts if warning not in both.warnings]
+        together = {} if both.correlation is None else correlated_pairs(both.correlation, space)
         late = estimate.latency_steps + self.latency_steps
         (found_s, std_s), (rest_s, rest_std_s) = self.late_s, estimate.readings_late_s
         return replace(
-            merged,
+            both,
             correlations=together,
             latency_steps=late,
             readings_late_s=(found_s + rest_s, math.hypot(std_s, rest_std_s)),
             offsets=told.offsets if own.any() else estimate.offsets,
-            warnings=list(dict.fromkeys([*doubts, *merged.warnings])),
+            warnings=list(dict.fromkeys([*doubts, *both.warnings])),
         )
-
-
-def _std(estimate: Estimate, space: ParameterSpace) -> np.ndarray:
-    """(N,) standard deviations in unit coordinates, if an interval is a normal distribution's.
-
-    By its longer side: the other one may be cut off at a bound.
-    """
-    mean, low, high = map(space.to_unit, (estimate.mean, estimate.low, estimate.high))
-    return np.maximum(mean - low, high - mean) / STDS_90
-
-
-def _covering_both(
-    apart: np.ndarray, merged: Estimate, told: Estimate, other: Estimate, names: Sequence[str]
-) -> Estimate:
-    """`merged`, with both intervals and both curves of parameters that are `apart`, (N,) bool."""
-    if not apart.any():
-        return merged
-    curves, warnings = dict(merged.curves), list(merged.warnings)
-    for i in np.flatnonzero(apart).tolist():
-        (one, above), (another, below) = told.curves[names[i]], other.curves[names[i]]
-        at = np.union1d(one, another)
-        curves[names[i]] = at, (np.interp(at, one, above) + np.interp(at, another, below)) / 2
-        ends = (e for estimate in (told, other) for e in (estimate.low[i], estimate.high[i]))
-        warnings.append(_CONTRADICTION.format(names[i], *ends))
-    return replace(
-        merged,
-        low=np.where(apart, np.minimum(told.low, other.low), merged.low),
-        high=np.where(apart, np.maximum(told.high, other.high), merged.high),
-        verdict=at_most_weak(merged.verdict, apart),
-        curves=curves,
-        warnings=warnings,
-    )
-
-
-def _merged(own: np.ndarray, fit: Estimate, other: Estimate) -> Estimate:
-    """`fit` for the parameters `own`, (N,) bool; `other` for the rest."""
-    curves = {
-        name: fit.curves[name] if mine else curve
-        for (name, curve), mine in zip(other.curves.items(), own, strict=True)
-    }
-    correlation = other.correlation
-    if own.any() and fit.correlation is not None:
-        mine, both, none = np.outer(own, own), np.outer(~own, ~own), np.eye(len(own))
-        rest = none if correlation is None else np.where(both, correlation, none)
-        correlation = np.where(mine, fit.correlation, rest)
-    picked = zip(own, fit.verdict, other.verdict, strict=True)
-    return replace(
-        other,
-        mean=np.where(own, fit.mean, other.mean),
-        low=np.where(own, fit.low, other.low),
-        high=np.where(own, fit.high, other.high),
-        verdict=[one if mine else another for mine, one, another in picked],
-        curves=curves,
-        correlation=correlation,
-    )

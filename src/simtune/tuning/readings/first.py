@@ -9,10 +9,10 @@ from simtune.tuning.readings.estimate import ReadingsEstimate, search_of
 from simtune.tuning.readings.search import ReadingsSearch
 from simtune.tuning.search import SearchContext
 
-_SHARE = 0.35  # of all time
+_TIME_SHARE = 0.35  # of all time
 # At least, since keypoints of what readings tell are not looked for (`keypoints_of_run`)
-_LEAST_SHARE = 0.15
-_ROBOT_READ = 0.5, 0.35  # both, if videos can tell little of how a robot moves that readings do not
+_MIN_TIME_SHARE = 0.15
+_ROBOT_TIME_SHARES = 0.5, 0.35  # if videos tell little of a robot's motion that readings do not
 _NO_TIME = (
     "There was no time to fit the joint readings alone, over whole episodes, before the videos: "
     "that takes {:.0f} s here, {:.0f} s were left for it. Windows of a quarter of a second, which "
@@ -28,7 +28,7 @@ def seconds_for(left_s: float, round_s: float, knows_robot: bool) -> float:
     """
     if math.isinf(left_s):
         return left_s
-    most, least = _ROBOT_READ if knows_robot else (_SHARE, _LEAST_SHARE)
+    most, least = _ROBOT_TIME_SHARES if knows_robot else (_TIME_SHARE, _MIN_TIME_SHARE)
     spare = left_s - round_s
     return min(most * left_s, spare) if spare >= least * left_s else most * left_s
 
@@ -43,6 +43,11 @@ class ReadingsFirst:
         # Episodes before the first round, which come last in later ones; a later session reads the
         # same ones again
         self._num_episodes = 0
+
+    @property
+    def lacked_time(self) -> bool:
+        """Whether in this session something was left out that more time may tell."""
+        return bool(self.warnings) or (self._estimate is not None and self._estimate.lacked_time)
 
     def measure_s(self, real: list[Trajectory]) -> float:
         """Seconds that `fit` would usually take, if there were enough."""

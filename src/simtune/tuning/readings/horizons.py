@@ -25,7 +25,7 @@ class Horizon(NamedTuple):
 
 
 # Shares of the iterations that are made, and latencies that are tried, usually
-_GROWING, _LOOKING, _LATENCIES = 0.25, 0.45, 4
+_GROWING_SHARE, _LATENCY_SHARE, _NUM_LATENCIES = 0.25, 0.45, 4
 AT_LATENCY = Horizon(1.0, 1, 24)  # horizon at which a latency is searched for
 
 
@@ -58,8 +58,8 @@ class Horizons:
         grown = sum(h.share(steps, step_s) * h.guesses for h in self.growing)
         before = [h for h in self.growing if h.seconds <= AT_LATENCY.seconds]
         latency = self.iterations * sum(h.share(steps, step_s) for h in before)
-        latency += _LATENCIES * self.latency_iterations * AT_LATENCY.share(steps, step_s)
-        return _GROWING * self.iterations * grown + _LOOKING * latency * may_be_late
+        latency += _NUM_LATENCIES * self.latency_iterations * AT_LATENCY.share(steps, step_s)
+        return _GROWING_SHARE * self.iterations * grown + _LATENCY_SHARE * latency * may_be_late
 
 
 def most_latency_steps(step_s: float) -> int:

@@ -55,9 +55,9 @@ from simtune.tuning.search import (
     TimeNeeded,
 )
 
-_JUDGING = 0.15  # of the time left for whole episodes
+_JUDGING_SHARE = 0.15  # of the time left for whole episodes
 # Times relative to derivatives of whole episodes: judging, fits to them, what check would say
-_JUDGED, _WHOLE_SEARCH, _CHECKED = 1.2, 15.0, 1.5
+_JUDGING_TIME, _WHOLE_SEARCH_TIME, _CHECK_TIME = 1.2, 15.0, 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +65,8 @@ class ReadingsConfig:
     """Settings of the search."""
 
     horizons: Horizons = field(default_factory=Horizons)
+    # As of other searches, but it decides only what is said at the end: the search ends as soon as
+    # two fits agree, and another round could add nothing to that
     precision: float = 0.01
 
 
@@ -118,8 +120,8 @@ class ReadingsSearch(Search):
         horizons, step_s = self.config.horizons, self._simulator.step_s
         grown = sum(h.share(steps, step_s) for h in horizons.growing)
         least_s = (grown + 2) * self._derived_s
-        searched = _WHOLE_SEARCH + horizons.derivatives(steps, step_s, self._may_be_late)
-        checked = _CHECKED * min(1.0, MOST_EPISODES / len(real))
+        searched = _WHOLE_SEARCH_TIME + horizons.derivatives(steps, step_s, self._may_be_late)
+        checked = _CHECK_TIME * min(1.0, MOST_EPISODES / len(real))
         return TimeNeeded(
             least_s,
             max(least_s, searched * self._derived_s),
@@ -133,17 +135,20 @@ class ReadingsSearch(Search):
         budget: Budget,
         callbacks: Callbacks = NO_CALLBACKS,
     ) -> Round:
-        """Fit; whether another round may tell more depends on how sure that is."""
+        """Fit; another round may tell more only if time was short."""
         fit = self.fit(real, budget)
         self.distribution = fit.distribution
-        precision, found = self.config.precision, fit.found
-        is_known = is_precise(half_widths(fit.estimate, self.first), precision) and found.is_sure
-        if precision and is_known:
-            self._stop_reason = f"every parameter is known to {100 * precision:g} %"
-        elif found.is_sure or found.num_fits >= self.config.horizons.most_fits:
-            self._stop_reason = "another round would tell hardly more"  # else more fits may agree
+        self._stop_reason = "" if fit.lacked_time else self._why_over(fit)
         rms = zip(self.context.observation.reading_labels, fit.noise, strict=True)
         return Round(fit.estimate, self._events(), {f"rms/{n}": float(value) for n, value in rms})
+
+    def _why_over(self, fit: ReadingsResult) -> str:
+        """Of a search that had the time for all its fits."""
+        precision = self.config.precision
+        is_known = is_precise(half_widths(fit.estimate, self.first), precision)
+        if precision and is_known and fit.found.is_sure:
+            return f"every parameter is known to {100 * precision:g} %"
+        return "another round would tell hardly more"
 
     def fit(self, real: list[Trajectory], budget: Budget) -> ReadingsResult:
         """Fit, from what the last round found if there was one, and judge."""
@@ -176,7 +181,7 @@ class ReadingsSearch(Search):
         part = budget.part(budget.seconds_left / 3, (0.1, 0.4))
         ended = fits.grow(guesses, part, latency.steps)
         left_s = budget.seconds_left  # may be infinite, which allows no difference of two shares
-        searching_s = min((1 - _JUDGING) * left_s, left_s - _JUDGED * self._judged_s)
+        searching_s = min((1 - _JUDGING_SHARE) * left_s, left_s - _JUDGING_TIME * self._judged_s)
         part = budget.part(searching_s, (0.4, 0.9))
         longest = longest_latency(readings, step_s)
         whole = WholeFits(method, readings, low < high, self.config.horizons, longest, seed)

@@ -21,15 +21,15 @@ from simtune.tuning.readings.warnings import Unmeasured, all_warnings
 from simtune.tuning.survival_curves import normal_curves
 from simtune.verdicts import at_most_weak
 
-_SEEN_WIDTH = 6.0  # half-width in which curves are drawn, in standard deviations
+_CURVE_WIDTH_STDS = 6.0  # half-width in which curves are drawn
 _LEAST_STD = 1e-3  # in unit coordinates
 _UNKNOWN_STD = 1.0  # of parameters that only pictures show
-_SMALL = 1e-4  # in unit coordinates
-_HARDLY_KNOWN = 0.1  # standard deviation of a combination, in unit coordinates
-_MAINLY = 0.5  # share of what a parameter changes
+_DELTA = 1e-4  # in unit coordinates
+_KNOWN_STD = 0.1  # of a combination, in unit coordinates
+_MAIN_EFFECT_SHARE = 0.5  # of what a parameter changes
 # Factor on errors if no second fit says whether there are several minima, and once more if that
 # one does not explain what is read
-_UNSURE = 3.0
+_UNSURE_FACTOR = 3.0
 
 
 class ReadingsResult(NamedTuple):
@@ -44,6 +44,8 @@ class ReadingsResult(NamedTuple):
     is_in_time: bool
     found: BestDescent
     noise: np.ndarray  # (D,) root mean square of the residuals
+    # Whether something was left out that more time may tell: a longer delay, another fit
+    lacked_time: bool = False
 
 
 def conclude(
@@ -59,13 +61,13 @@ def conclude(
     space, sensors = first.space, joints_of(observation.sensors)
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
     reasons = int(not found.is_sure) * (1 + int(off.any()))
-    std, correlation = _errors(judged, found, space, observation, _UNSURE**reasons)
+    std, correlation = _errors(judged, found, space, observation, _UNSURE_FACTOR**reasons)
     read, seen = _read(judged.unit, std, first)
     is_in_time = latency.is_known and not is_too_late(judged.late_steps[0])
     is_sure = found.is_sure and is_in_time and not unmeasured.unseen
     at_bounds = bound_warnings(space, judged.unit, np.ones(len(space), bool))
     doubtful = np.array([not is_sure or name in at_bounds for name in space.names])
-    doubtful[~space.is_appearance] |= judged.shares[:, off | may_be_off].sum(1) > _MAINLY
+    doubtful[~space.is_appearance] |= judged.shares[:, off | may_be_off].sum(1) > _MAIN_EFFECT_SHARE
     estimate = replace(
         read,
         mean=space.from_unit(judged.unit),
@@ -79,7 +81,8 @@ def conclude(
         offsets=dict(zip(observation.reading_labels, judged.offsets.tolist(), strict=True)),
     )
     is_trusted = is_sure and not off.any()
-    return ReadingsResult(estimate, seen, is_trusted, is_in_time, found, judged.noise)
+    lacked_time = found.lacked_time or not latency.is_known
+    return ReadingsResult(estimate, seen, is_trusted, is_in_time, found, judged.noise, lacked_time)
 
 
 def _read(unit: np.ndarray, std: np.ndarray, first: Distribution) -> tuple[Estimate, Distribution]:
@@ -88,7 +91,7 @@ def _read(unit: np.ndarray, std: np.ndarray, first: Distribution) -> tuple[Estim
     Also the range in which the curves are drawn.
     """
     space = first.space
-    mean, ends = space.from_unit(unit), unit + _SEEN_WIDTH * np.array([-std, std])
+    mean, ends = space.from_unit(unit), unit + _CURVE_WIDTH_STDS * np.array([-std, std])
     low, high = (space.from_unit(np.clip(end, 0, 1)) for end in ends)
     seen = first.with_interval(mean, low, high)
     curves = normal_curves(seen.to_range_unit(mean), std / seen.unit_width)
@@ -142,12 +145,12 @@ def _along_sums(
     interval, the others follow on their own scale, and it is measured how far each gets.
     """
     std, at = np.sqrt(np.diag(covariance)), space.from_unit(unit)
-    inside = np.clip(unit, _SMALL, 1 - _SMALL)
-    slope = (space.from_unit(inside + _SMALL) - space.from_unit(inside - _SMALL)) / (2 * _SMALL)
+    inside = np.clip(unit, _DELTA, 1 - _DELTA)
+    slope = (space.from_unit(inside + _DELTA) - space.from_unit(inside - _DELTA)) / (2 * _DELTA)
     reached = std.copy()
     values, combinations = np.linalg.eigh(covariance)
     for value, combination in zip(values, combinations.T, strict=True):
-        if np.sqrt(value) < _HARDLY_KNOWN:
+        if np.sqrt(value) < _KNOWN_STD:
             continue
         most, change = int(np.abs(combination).argmax()), slope[fitted] * combination
         own = STDS_90 * np.sqrt(value) * abs(combination[most])

@@ -19,13 +19,13 @@ from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
 from simtune.tuning.readings.horizons import Latency
 
 _MOST_NAMED = 6  # parameters at a bound
-_NEARLY_ALL = 0.8  # of the readings
+_MAX_OFF_SHARE = 0.8  # of the readings: with more off, single parameters tell nothing
 _NOT_FOUND_TWICE = (
     "Fits to whole episodes, or to what of them can be followed, ended at no answer twice ({} "
     "tried, from as many starts), so how sure the best of them is cannot be said, and nothing is "
-    "called identified. Leave parameters out that go with others, give better first guesses, or "
-    "more minutes."
+    "called identified. Leave parameters out that go with others, or give better first guesses{}."
 )
+_OR_MORE_TIME = ", or more minutes"  # as long as the most fits have not been made
 _ONE_FIT = (
     "There was time for one fit to whole episodes of readings, or to what of them can be followed. "
     "So how sure it is cannot be said, and nothing that it tells is called identified. Give it "
@@ -94,7 +94,7 @@ def all_warnings(
     late_s = {READINGS: (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)}
     sensors = joints_of(observation.sensors)
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
-    is_futile = bool(unseen) or off.mean() > _NEARLY_ALL  # to look at single parameters
+    is_futile = bool(unseen) or off.mean() > _MAX_OFF_SHARE  # to look at single parameters
     # What the timestep changes by more than all other errors
     by_timestep = np.where(2 * judged.by_timestep**2 > std**2, judged.by_timestep, 0.0)
     return [
@@ -117,9 +117,12 @@ def unseen_warning(unseen: Sequence[str]) -> str:
 def _of_end(found: BestDescent) -> list[str]:
     """Of how fits ended."""
     warnings = [] if found.is_whole else [_BY_STRETCHES]
-    if not found.is_sure:
-        many = found.num_fits > 1
-        warnings.append(_NOT_FOUND_TWICE.format(found.num_fits) if many else _ONE_FIT)
+    if found.is_sure:
+        return warnings
+    if found.num_fits > 1:
+        more = _OR_MORE_TIME * found.lacked_time
+        return [*warnings, _NOT_FOUND_TWICE.format(found.num_fits, more)]
+    return [*warnings, _ONE_FIT]
     return warnings
 
 

@@ -21,11 +21,11 @@ from simtune.tuning.readings.agreement import (
 from simtune.tuning.readings.descents import MOST_LEFT, sooner
 from simtune.tuning.readings.horizons import Horizons, Latency
 
-_LITTLE_MORE = 1.5  # factor on the noise that a sensor declares
+_MAX_NOISE_FACTOR = 1.5  # on the noise that a sensor declares
 _SIDESTEPS = (0.03, 0.1)  # in unit coordinates, from which a fit should return
 _FEW_FITS = 4  # to whole episodes, if two of stretches agree
 _MOST_CUTS = 3  # of episodes into segments, before other fits
-_TOGETHER = 2  # of these fits start with all parameters higher or all lower
+_ONE_WAY_FITS = 2  # of these start with all parameters higher or all lower
 
 
 class _Whole(NamedTuple):
@@ -71,10 +71,12 @@ class WholeFits:
                 break
             budget.report("replaying whole episodes", len(fits) / self.horizons.most_fits)
             # Next to the best, since other candidates may lie elsewhere in the same valley
-            guess = self._start_near(best, rng, len(fits) <= _TOGETHER)
+            guess = self._start_near(best, rng, len(fits) <= _ONE_WAY_FITS)
             fits.append(self.method.descend(readings, guess, stage, budget, best))
         is_whole = agree(fits, self.moving) or not self._is_enough(ended)
-        return best_of(fits if is_whole else ended, self.moving, is_whole), latency
+        found = best_of(fits if is_whole else ended, self.moving, is_whole)
+        lacked_time = not found.is_sure and len(fits) < most
+        return found._replace(lacked_time=lacked_time), latency
 
     def _step_on(
         self, whole: _Whole, latency: Latency, budget: Budget
@@ -129,7 +131,7 @@ class WholeFits:
         """Whether two descents at the last horizon agree and leave little more than noise."""
         noise = min(ended, key=lambda descent: descent.log_rms).noise
         declared = declared_noise(self.method.sensors)
-        left = noise < _LITTLE_MORE * declared
+        left = noise < _MAX_NOISE_FACTOR * declared
         return two_agree(ended) and bool((left & np.isfinite(declared)).all())
 
     def _start_near(self, best: Descent, rng: np.random.Generator, together: bool) -> Guess:

@@ -23,7 +23,7 @@ from simtune.simulation.rendering.stray_light import StrayLight
 
 _MAX_GEOMS = 64  # as many as bits; with more, a search tree is faster than to test each
 _STRAY = np.dtype(Stray.numpy_dtype())  # pyright: ignore
-_WIDTH = 2.1  # of an endless plane, relative to how far cameras see
+_PLANE_WIDTH_RATIO = 2.1  # of an endless plane to how far cameras see
 # Flat faces are lit at the lines of grids, and textures dim highlights, too. mujoco_warp computes
 # light at each pixel, and adds highlights afterwards.
 _AS_OPENGL = True
@@ -169,7 +169,7 @@ def _surroundings(model: mujoco.MjModel, camera: int) -> Any:  # a `Surroundings
     around, headlight = Surroundings(), model.vis.headlight
     around.camera, around.as_opengl = camera, _AS_OPENGL
     around.ambient = wp.vec3(*headlight.ambient * bool(headlight.active))
-    around.endless = _WIDTH * model.vis.map.zfar * model.stat.extent
+    around.endless = _PLANE_WIDTH_RATIO * model.vis.map.zfar * model.stat.extent
     around.num_quads = float(model.vis.quality.numquads)
     return around
 

@@ -24,7 +24,7 @@ from simtune.simulation.rendering.primitives.light import (
     way_to,
 )
 
-_OFF = wp.constant(1e-4)  # m, by which rays begin off a surface, not to meet it at once
+_OFFSET_M = wp.constant(1e-4)  # off a surface, not to meet it at once
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
@@ -52,7 +52,7 @@ def _left_by_shadows(
         return float(1.0)
     to_light, far = way_to(light, point)
     towards = wp.normalize(to_light + stray.aside)
-    hidden_by, _there, _normal = first_hit(geoms, world, point + _OFF * normal, towards, far)
+    hidden_by, _there, _normal = first_hit(geoms, world, point + _OFFSET_M * normal, towards, far)
     if hidden_by >= 0:
         return 1.0 - stray.shadow
     return float(1.0)
@@ -205,7 +205,7 @@ def draw(
         light = _shade(geoms, lights, stray, texels, world, hit, point, normal, origin)
         if stray.mirror > 0.0 and geoms[world, hit].kind == GeomType.PLANE:
             mirrored = direction - 2.0 * wp.dot(direction, normal) * normal
-            start = point + _OFF * normal
+            start = point + _OFFSET_M * normal
             seen, away, facing = first_hit(geoms, world, start, mirrored, ENDLESS)
             if seen >= 0:
                 image = start + mirrored * away

@@ -10,7 +10,7 @@ from simtune.simulation.rendering.primitives.geoms import ENDLESS, Geom
 SPOT, DIRECTIONAL = wp.constant(0), wp.constant(1)  # the other kinds shine everywhere
 # In cells that are small from a lamp, interpolation changes no pixel: (1 + exponent) · (cell /
 # distance)² is four times what a cone's light is off by
-_FINE = wp.constant(0.05)
+_FINE_ERROR = wp.constant(0.05)
 
 wp.set_module_options({"enable_backward": False, "fast_math": True})
 
@@ -126,7 +126,7 @@ def reflect_flat(
             outward = axis
     one, other = (outward + 1) % 3, (outward + 2) % 3
     longest = wp.max(geom.lines[one], geom.lines[other])
-    if longest * longest * (1.0 + light.exponent) < _FINE * wp.length_sq(light.pos - point):
+    if longest * longest * (1.0 + light.exponent) < _FINE_ERROR * wp.length_sq(light.pos - point):
         return reflect(light, geom, rgb, full, point, normal, eye)
     left, right = _cell(geom, one, local[one])
     low, high = _cell(geom, other, local[other])

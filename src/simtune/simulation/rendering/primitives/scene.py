@@ -16,11 +16,11 @@ from simtune.parameters.model_writer import DEFAULT_GREY
 from simtune.simulation.rendering.primitives.geoms import ENDLESS, Geom
 from simtune.simulation.rendering.primitives.light import Light
 
-_NEVER = wp.constant(1e30)
-_UNSEEN = wp.constant(1e-5)  # share of a highlight that changes no pixel
-_MARGIN = wp.constant(1.0 - 1e-5)  # of bounds, for rounding
+_UNHIT_BOUND = wp.constant(1e30)
+_UNSEEN_HIGHLIGHT = wp.constant(1e-5)  # share that changes no pixel
+_BOUND_FACTOR = wp.constant(1.0 - 1e-5)  # for rounding
 MOST_LINES = wp.constant(200)  # of a plane, along either axis
-_UNPAINTED = wp.constant(wp.vec4(*DEFAULT_GREY))
+_DEFAULT_RGBA = wp.constant(wp.vec4(*DEFAULT_GREY))
 _GLOW = wp.constant(render.DEFAULT_MAT_EMISSION)
 _SPECULAR = wp.constant(render.DEFAULT_MAT_SPECULAR)
 _SHININESS, _MAX_SHININESS = wp.constant(0.5), wp.constant(render.MAX_SHININESS)
@@ -115,14 +115,14 @@ def gather_geoms(
     geom.size = _of(geom_size, world, at)
     geom.centre = geom.pos - cam_xpos[world, around.camera]
     geom.radius = _radius(geom.kind, geom.size)
-    geom.bound = wp.length_sq(geom.centre) * _MARGIN - geom.radius * geom.radius
+    geom.bound = wp.length_sq(geom.centre) * _BOUND_FACTOR - geom.radius * geom.radius
 
     material = geom_matid[0, at]
     rgba = _of(geom_rgba, world, at)
     glow, specular, shininess = float(_GLOW), float(_SPECULAR), float(_SHININESS)
     geom.texture = textures[textures.shape[0] - 1]  # the last one: no material
     if material >= 0:
-        if rgba == _UNPAINTED:
+        if rgba == _DEFAULT_RGBA:
             rgba = _of(mat_rgba, world, material)
         glow = _of(mat_emission, world, material)
         specular = _of(mat_specular, world, material)
@@ -132,7 +132,7 @@ def gather_geoms(
         geom.uniform = _of(mat_texuniform, world, material)
     geom.rgb = wp.vec3(rgba[0], rgba[1], rgba[2])
     if rgba[3] == 0.0:
-        geom.bound = _NEVER
+        geom.bound = _UNHIT_BOUND
         geom.radius = -1.0
 
     geom.glow = wp.vec3(glow) + around.ambient
@@ -140,7 +140,7 @@ def gather_geoms(
     geom.shininess = _MAX_SHININESS * shininess
     geom.shiny_from = float(2.0)
     if specular > 0.0 and geom.shininess > 0.0:
-        geom.shiny_from = wp.pow(_UNSEEN, 2.0 / geom.shininess)
+        geom.shiny_from = wp.pow(_UNSEEN_HIGHLIGHT, 2.0 / geom.shininess)
 
     geom.texture_last = around.as_opengl
     if around.as_opengl and geom.kind == GeomType.PLANE:

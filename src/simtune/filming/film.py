@@ -11,13 +11,13 @@ from simtune.errors import InputError
 from simtune.evaluation.evaluate import load_trained
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment
+from simtune.filming.cameras import filming_whole, views_of, widths_of
+from simtune.filming.checks import check_written
 from simtune.observation import ObservationModel
 from simtune.parameters.values_file import read_parameters
 from simtune.progress import ReportProgress, silent
 from simtune.random_streams import Purpose, stream
 from simtune.real.observed import observed
-from simtune.record.cameras import filming_whole, views_of, widths_of
-from simtune.record.checks import check_written
 from simtune.recordings import write_dataset
 from simtune.simulation import (
     OPENGL_DM_CONTROL,
