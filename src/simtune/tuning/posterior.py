@@ -209,7 +209,9 @@ class PosteriorSearch(Search):
         if self.config.for_policy or not self.context.can_fit:
             return False
         refits = self._earlier.refits
-        return refits is None or lacks_known_worlds(refits) or self._readings_first.lacked_time
+        if refits is None or self._readings_first.lacked_time:
+            return True
+        return lacks_known_worlds(refits) and len(refits.misfits) < self.config.most_refits
 
     def _move(
         self,
