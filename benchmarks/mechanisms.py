@@ -3,8 +3,8 @@
 Each is random (random_mechanism.py): so are its truth, its camera, its light and what its user
 guesses. MuJoCo and its renderer alone film five episodes of 100 steps, with shadows and smooth
 edges, into mp4, with actions in csv. In four of ten the user's camera is a little aside. Then the
-plain command's own function tunes the user's model. A line a world is written as it ends; a world
-that has one is not tuned to again. The last line is one JSON object.
+plain command's own function tunes the user's model. Each run's line is beside its films as it ends;
+a world that has one is not tuned to again. The last line is one JSON object.
 """
 
 import csv
@@ -20,7 +20,7 @@ import av
 import mujoco
 import numpy as np
 import tyro
-from common import commit, kept_in, machine
+from common import commit, kept_in, machine, record_figures
 from random_mechanism import Mechanism, random_mechanism
 
 from simtune.config import TuneConfig
@@ -35,7 +35,7 @@ def main(
     worlds: int = 10,
     minutes: float = 6.0,
     out: Path = Path("runs/mechanisms"),
-    lines: Path = Path("docs/results/mechanisms.jsonl"),
+    record: Path | None = None,
     quick: bool = False,
 ) -> None:
     """Measure it.
@@ -45,30 +45,45 @@ def main(
         worlds: How many.
         minutes: Each run's --budget-minutes.
         out: Films and runs are kept here.
-        lines: A line a world is added to this file.
+        record: Write the figures into this file of docs/results, too.
         quick: Film one world, tune nothing.
     """
-    done = {row["seed"] for row in _read(lines)}
+    lines = list[dict[str, Any]]()
     for seed in range(seeds_from, seeds_from + (1 if quick else worlds)):
-        if seed in done and not quick:
-            continue
         with kept_in(out / str(seed), quick) as folder:
-            mechanism = random_mechanism(seed)
-            _write(mechanism, folder, seed)
-            if not quick:
-                row = _score(mechanism, folder, seed, minutes)
-                print(row, flush=True)
-                lines.parent.mkdir(parents=True, exist_ok=True)
-                with lines.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
-    rows = _read(lines)
-    held = [holds for row in rows for holds in row["holds"].values()]
-    figures = {"worlds": len(rows), "intervals": len(held), "held": sum(held)}
+            line = folder / "line.json"
+            if not quick and not line.exists():
+                mechanism = random_mechanism(seed)
+                _write(mechanism, folder, seed)
+                line.write_text(json.dumps(_score(mechanism, folder, seed, minutes)))
+            elif quick:
+                _write(random_mechanism(seed), folder, seed)
+            lines += [json.loads(line.read_text())] if line.exists() else []
+            print(lines[-1:], flush=True)
+    record_figures(record, ["seed"], [_row(line) for line in lines])
+    held = [holds for line in lines for holds in line["holds"].values()]
+    figures = {"worlds": len(lines), "intervals": len(held), "held": sum(held)}
     print(json.dumps({"benchmark": "mechanisms", "quick": quick, **machine(), **figures}))
 
 
-def _read(lines: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
+def _row(line: dict[str, Any]) -> dict[str, Any]:
+    """A row of the claim's table: of the motion each error, of colours their median."""
+    errors, verdicts = line["percent_errors"], line["verdicts"]
+    colours = [name for name in errors if name[-2:] in ("_r", "_g", "_b")]
+    of_motion = [name for name in errors if name not in colours]
+    told = (f"{n} {abs(errors[n]):.1f} (±{line['half_widths'][n]:.1f})" for n in of_motion)
+    return {
+        "seed": line["seed"],
+        "kind": line["kind"],
+        "camera": "aside, a parameter" if line["camera_aside"] else "right",
+        "errors": ", ".join(told),
+        "identified": f"{sum(verdicts[n] == 'identified' for n in of_motion)} of {len(of_motion)}",
+        "colours": round(float(np.median([abs(errors[n]) for n in colours])), 1),
+        "held": f"{sum(line['holds'].values())} of {len(line['holds'])}",
+        "seconds": line["wall_s"],
+        "commit": line["commit"],
+        "date": line["date"],
+    }
 
 
 def _write(mechanism: Mechanism, folder: Path, seed: int) -> None:
@@ -108,6 +123,7 @@ def _film(mechanism: Mechanism, rng: np.random.Generator) -> tuple[np.ndarray, n
             frames.append(np.clip(np.round(seen), 0, 255).astype(np.uint8))
             if step < _STEPS:
                 data.ctrl = actions[step]
+                # As films often are made: what is drawn next is a physics step old.
                 mujoco.mj_step(model, data, substeps)
     return np.stack(frames), actions
 
