@@ -52,14 +52,14 @@ def main(
     for seed in range(seeds_from, seeds_from + (1 if quick else worlds)):
         with kept_in(out / str(seed), quick) as folder:
             line = folder / "line.json"
-            if not quick and not line.exists():
+            if not line.exists():
                 mechanism = random_mechanism(seed)
                 _write(mechanism, folder, seed)
+                if quick:
+                    continue
                 line.write_text(json.dumps(_score(mechanism, folder, seed, minutes)))
-            elif quick:
-                _write(random_mechanism(seed), folder, seed)
-            lines += [json.loads(line.read_text())] if line.exists() else []
-            print(lines[-1:], flush=True)
+            lines.append(json.loads(line.read_text()))
+            print(lines[-1], flush=True)
     record_figures(record, ["seed"], [_row(line) for line in lines])
     held = [holds for line in lines for holds in line["holds"].values()]
     figures = {"worlds": len(lines), "intervals": len(held), "held": sum(held)}

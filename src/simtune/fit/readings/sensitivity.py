@@ -173,7 +173,7 @@ class ReplayedReadings:
         if self._followed is not None:  # of episodes that go astray, what can be followed
             told, counted = self._followed, self._stretches
         asked, left_out = self._affordable(told, step_s)
-        more = self._more * _num_frames(told) / max(1, _num_frames(asked))
+        more = self._more * _num_frames(told) / _num_frames(asked)
         noises = [noise] if at_best is None else [noise, at_best]
         information, *least = more * self._share(counted) * self._information(asked, noises)
         grown = np.full(len(kept), np.nan)
@@ -201,7 +201,7 @@ class ReplayedReadings:
         """
         num, worlds = len(told.states), 1 + 2 * len(self._unit) + MOST_WORLDS
         worlds += len(self._loop.measured.start_tangents)
-        needed_s = worlds * _num_steps(told) * step_s
+        needed_s = worlds * _num_frames(told) * step_s
         fits = _ASKING_SHARE * self._budget.seconds_left / max(needed_s, 1e-9)
         few = num if fits >= 1 else max(1, math.floor(fits * num))
         self._budget.report(f"{_ASKING}{_about(needed_s * few / num)}", 0.5)
@@ -215,7 +215,7 @@ class ReplayedReadings:
 
     def _share(self, stretches: Stretches) -> float:
         """How many times as many frames there are in all as in these."""
-        return float(self._num_frames / max(1, _num_frames(stretches)))
+        return float(self._num_frames / _num_frames(stretches))
 
     def _information(self, stretches: Stretches, noises: Sequence[np.ndarray]) -> np.ndarray:
         """(K, N, N) Fisher information for K noises (D,).
@@ -247,13 +247,8 @@ class ReplayedReadings:
 
 
 def _num_frames(stretches: Stretches) -> int:
-    """With a reading."""
-    return int(np.isfinite(stretches.values).any(-1).sum())
-
-
-def _num_steps(stretches: Stretches) -> int:
-    """Played in one world, nearly."""
-    return max(1, _num_frames(stretches))
+    """With a reading, at least 1; nearly as many steps are played in one world."""
+    return max(1, int(np.isfinite(stretches.values).any(-1).sum()))
 
 
 def _about(seconds: float) -> str:
