@@ -18,7 +18,7 @@ from common import machine, record_figures
 
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.replay import Episodes, Replay
+from simtune.replay_buffer import Episodes, ReplayBuffer
 
 _NUM_ACTIONS, _NUM_EPISODES, _EPISODE_STEPS = 6, 10, 50  # actions as the walker's
 _SPACE = ParameterSpace(
@@ -26,11 +26,11 @@ _SPACE = ParameterSpace(
 )
 
 
-def a_replay(config: CurlSacConfig, device: torch.device) -> Replay:
+def a_replay(config: CurlSacConfig, device: torch.device) -> ReplayBuffer:
     """Filled with noise: how long an update takes does not depend on what there is to learn."""
     rng = np.random.default_rng(0)
     n, steps, size = _NUM_EPISODES, _EPISODE_STEPS, config.image_size
-    replay = Replay(_SPACE, filmed_capacity=n, num_stacked=config.num_stacked, device=device)
+    replay = ReplayBuffer(_SPACE, filmed_capacity=n, num_stacked=config.num_stacked, device=device)
     replay.add(
         Episodes(
             parameters=np.ones((n, 1)),

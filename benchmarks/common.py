@@ -17,7 +17,6 @@ from typing import Any
 import torch
 
 from simtune.fit import FitConfig
-from simtune.fit.motion.particles import ParticleConfig
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
@@ -34,7 +33,7 @@ QUICK = PosteriorSearchConfig(
     planned_refits=1,
     most_refits=1,
     fit=FitConfig(
-        particles=ParticleConfig(num=8, steps=4),
+        num_particles=8,
         shooting=ShootingConfig(stages=(Stage(4, 1, 2.0), Stage(8, 1)), longer=(), num_windows=6),
     ),
 )

@@ -16,8 +16,8 @@ import tyro
 from common import machine, record_figures
 from wheel_arms import ARMS, STEP_S, middle, tuning_file, unpack, wandering
 
-from simtune.fit.readings.sensitivity import ReplayedReadings
-from simtune.fit.sensitivity import where_analyzed
+from simtune.checking.sensitivity.parameters import where_analyzed
+from simtune.checking.sensitivity.reading_changes import ReplayedReadings
 from simtune.observation import ObservationModel
 from simtune.tasks import Task, load_task
 

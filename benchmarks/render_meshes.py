@@ -20,7 +20,9 @@ import numpy as np
 import tyro
 from common import machine, record_figures
 
+from simtune.cameras.views import View
 from simtune.parameters import Parameter, ParameterSpace
+from simtune.simulation import PictureSettings
 from simtune.simulation.rendering.renderer import make_renderer
 from simtune.vision.keypoints import is_drawn
 
@@ -111,7 +113,7 @@ def _poses(model: mujoco.MjModel, rng: np.random.Generator) -> np.ndarray:
 
 def _measure(model: mujoco.MjModel, states: np.ndarray, size: int, rounds: int) -> dict[str, Any]:
     space = _space(model)
-    ours = make_renderer("raycaster", model, space, _CAMERA, (size, size))
+    ours = make_renderer(model, space, View(_CAMERA), PictureSettings(image_size=size))
     parameters = np.repeat(space.nominal[None], len(states), 0)
     theirs, data = mujoco.Renderer(model, size, size), mujoco.MjData(model)
 

@@ -23,12 +23,12 @@ from searching import context_of
 from simtune.budget import Budget
 from simtune.checking.image_size import USUAL_PX
 from simtune.config import RealConfig
+from simtune.experiment.search_settings import make_search
 from simtune.names import SearchName
 from simtune.progress import ReportProgress
 from simtune.real.choose import choose_real
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import TASKS, load_task
-from simtune.tuning.make_search import make_search
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 
 _TARGET_PERCENT = 10.0

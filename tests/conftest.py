@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ctypes.util import find_library
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -85,21 +86,20 @@ def one_renderer_each():
     """Renderers by what they draw: each takes a second to make, and none keeps anything."""
     renderers = {}  # the latest few, each of 100 MB
 
-    def make_once(name, model, space, camera, size, quality, plate, *options):
+    def make_once(model, space, view, settings):
         shapes = (model.cam_pos, model.cam_fovy, model.geom_size, model.geom_pos, model.body_pos)
         scene = (model.names, *(values.tobytes() for values in shapes))
-        behind = None if plate is None else plate.tobytes()
-        key = (name, scene, space.names, camera, size, quality, behind, *options)
+        behind = None if view.plate is None else view.plate.tobytes()
+        shown = (view.camera, view.aspect, behind, view.background_is_unknown)
+        key = (scene, space.names, shown, replace(settings, views=()))
         renderer = renderers.pop(key, None)
-        renderers[key] = renderer or make_renderer(
-            name, model, space, camera, size, quality, plate, *options
-        )
+        renderers[key] = renderer or make_renderer(model, space, view, settings)
         if len(renderers) > 3:
             del renderers[next(iter(renderers))]
         return renderers[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("simtune.simulation.filming.make_renderer", make_once)
+        patch.setattr("simtune.simulation.rendering.renderers.make_renderer", make_once)
         yield
 
 

@@ -9,7 +9,6 @@ from simtune.before_after.start_search import StartSearchConfig
 from simtune.config import TuneConfig
 from simtune.experiment.settings import Settings
 from simtune.fit import FitConfig
-from simtune.fit.motion.particles import ParticleConfig
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.posterior_net import PosteriorNetConfig
@@ -80,7 +79,7 @@ SEARCH = PosteriorSearchConfig(
     planned_refits=2,
     most_refits=2,
     fit=FitConfig(
-        particles=ParticleConfig(num=64, steps=2),
+        num_particles=64,
         shooting=ShootingConfig(
             stages=(Stage(4, 4, 6.0, states_only=True), Stage(8, 2, 2.0), Stage(12, 4)),
             longer=(),

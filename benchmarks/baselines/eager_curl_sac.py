@@ -12,7 +12,7 @@ from torch import nn
 from torch.nn import functional
 
 from simtune.agents.curl_sac import CurlSacConfig
-from simtune.replay import Replay
+from simtune.replay_buffer import ReplayBuffer
 
 
 class Encoder(nn.Module):
@@ -108,7 +108,7 @@ class EagerCurlSac:
         cut = [f[:, y : y + size, x : x + size] for f, (y, x) in zip(frames, places, strict=True)]
         return torch.stack(cut).permute(0, 1, 4, 2, 3).float().flatten(1, 2).contiguous()
 
-    def update(self, replay: Replay, generator: torch.Generator) -> None:
+    def update(self, replay: ReplayBuffer, generator: torch.Generator) -> None:
         batch = replay.sample(self.config.batch_size, generator, with_frames=True)
         frames, positives = self.crop(batch.frames), self.crop(batch.frames)
         next_frames = self.crop(batch.next_frames)

@@ -129,13 +129,8 @@ class Training:
 
     def _update_simulator(self) -> None:
         experiment = self.experiment
-        config = experiment.config
         # Without a time limit, which would not be reproducible.
         found = experiment.search.run_round(self.real, Budget(report=self._report))
-        if config.drop_far:  # forget episodes of worlds that are ruled out now
-            searched = experiment.search.distribution
-            near = searched.around(searched.mean, choose_range(config))
-            experiment.replay.drop_far(near.low, near.high)
         self.run.log_round(found, len(self.real))
         self._save()
 
@@ -212,7 +207,7 @@ class Training:
             scores, film = self._score(experiment.truth)
             fps = round(1 / experiment.real.step_s, 3)
             write_video(self.run.folder.videos / "policy.mp4", film, fps)
-            metadata |= {name: outcome.summary(values) for name, values in scores.items()}
+            metadata |= {name: outcome.mean_and_spread(values) for name, values in scores.items()}
         warnings = [*warnings, *experiment.policy_warnings(self.num_skipped)]
         return self.run.finish(self.real, metadata, warnings, command)
 

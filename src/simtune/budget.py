@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 from simtune.progress import ReportProgress, silent
@@ -89,3 +89,13 @@ class Budget:
     def share(self, share: float, span: tuple[float, float] = (0.0, 1.0)) -> "Budget":
         """A share of all its time, from now on; at most what is left."""
         return self.part(share * self.seconds, span)
+
+
+NO_LIMIT = Budget()  # which reports nowhere
+
+
+def timed(work: Callable[[], T]) -> tuple[float, T]:
+    """The seconds that `work` takes, and what it gives."""
+    began_s = time.monotonic()
+    done = work()
+    return time.monotonic() - began_s, done

@@ -40,13 +40,13 @@ def two_digits(value: float) -> str:
     return f"{Decimal(text):f}" if _is_plain(value) else text
 
 
-def significant(value: float, digits: int = 3) -> str:
-    """That many digits: 0.0123, 4.57, 1,230, 0.0000210, 2.10e-06."""
+def significant(value: float) -> str:
+    """In three digits: 0.0123, 4.57, 1,230, 0.0000210, 2.10e-06."""
     if value == 0:
         return "0"
     if not _is_plain(value):
-        return f"{value:.{digits - 1}e}"
-    places = digits - 1 - int(f"{value:e}".split("e")[1])
+        return f"{value:.2e}"
+    places = 2 - int(f"{value:e}".split("e")[1])
     return f"{round(value, places):,.{max(places, 0)}f}"
 
 

@@ -27,7 +27,7 @@ def choose_device(name: str) -> str:
 
 
 def _can_draw(device: str) -> bool:
-    from simtune.simulation.rendering.raycaster_context import init_warp  # slow to load
+    from simtune.simulation.rendering.warp_context import init_warp  # slow to load
 
     try:
         init_warp(device)

@@ -88,12 +88,8 @@ class Distribution:
 
     def to_range_unit(self, parameters: np.ndarray) -> np.ndarray:
         """(..., N) parameters to coordinates that are 0 at `low` and 1 at `high`."""
-        low, high, values = (
-            self._spread(self.low),
-            self._spread(self.high),
-            self._spread(parameters),
-        )
-        return (values - low) / (high - low)
+        low, high = self._spread(self.low), self._spread(self.high)
+        return (self._spread(parameters) - low) / (high - low)
 
     def from_range_unit(self, range_unit: np.ndarray) -> np.ndarray:
         """The inverse of `to_range_unit`; on their own scale within the bounds in any case."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from simtune.agents.augment import centre_crop, crop, random_crop, random_shift
+from simtune.agents.augment import centre_crop, crop, random_crop
 
 
 def stacks(batch: int, num_stacked: int, size: int) -> torch.Tensor:
@@ -61,14 +61,6 @@ def test_random_crops_reach_every_place_within_the_picture_and_no_other():
 def test_a_centre_crop_is_the_middle_of_the_picture(size, cut):
     frames = stacks(2, 3, 10)
     torch.testing.assert_close(centre_crop(frames, size), frames[:, :, cut, cut])
-
-
-def test_a_shift_is_a_crop_of_what_was_padded_with_its_edge():
-    frames, pad = stacks(7, 2, 8), 3
-    top, left = (torch.randint(2 * pad + 1, (7,), generator=g) for g in [generator()] * 2)
-    padded = np.pad(frames.numpy(), [(0, 0), (0, 0), (pad, pad), (pad, pad), (0, 0)], mode="edge")
-    shifted = random_shift(frames, pad, generator())
-    torch.testing.assert_close(shifted, sliced(torch.as_tensor(padded), top, left, 8))
 
 
 @pytest.mark.parametrize(

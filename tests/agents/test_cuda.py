@@ -105,9 +105,6 @@ def test_no_update_of_the_search_waits_for_the_host(search_range):
         parameters=search_range.sample(worlds, rng),
         actions=rng.uniform(-1, 1, (worlds, episodes, steps, ACTIONS)),
         keypoints=rng.uniform(0, SIZE, (worlds, episodes, steps + 1, KEYPOINTS, 2)).astype("f4"),
-        frames=np.zeros((worlds, 0, SIZE, SIZE, 3), np.uint8),
-        filmed_from=np.zeros(worlds, int),
-        states=np.zeros((worlds, 0, 1)),
     )
     off = rng.normal(size=(8, 10, KEYPOINTS, 2))
     errors = DetectorErrors(SIZE / 2 + off, off, rng.normal(size=(8, 3)))

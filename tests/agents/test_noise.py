@@ -1,4 +1,4 @@
-"""Noise on actions, by which the teacher and DrQ-v2 explore."""
+"""Noise on actions, by which the teacher explores."""
 
 import pytest
 import torch

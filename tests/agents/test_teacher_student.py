@@ -18,7 +18,7 @@ from simtune.api.policy import Policy
 from simtune.errors import InputError
 from simtune.networks.layers import seeded
 from simtune.parameters import ParameterSpace
-from simtune.replay import Episodes, Replay, Transitions
+from simtune.replay_buffer import Episodes, ReplayBuffer, Transitions
 from simtune.tasks import load_task
 from simtune.vision.detector import DetectorConfig
 
@@ -260,8 +260,8 @@ def make_agent(steps_before_trial: int = SPEC.steps_before_trial, **changes) -> 
     )
 
 
-def make_replay() -> Replay:
-    return Replay(SPACE, filmed_capacity=50, unfilmed_capacity=50)
+def make_replay() -> ReplayBuffer:
+    return ReplayBuffer(SPACE, filmed_capacity=50, unfilmed_capacity=50)
 
 
 def episodes(seed: int, filmed: bool) -> Episodes:
@@ -282,7 +282,7 @@ def episodes(seed: int, filmed: bool) -> Episodes:
     )
 
 
-def go_on(agent: TeacherStudent, replay: Replay, rounds: range) -> list[dict[str, float]]:
+def go_on(agent: TeacherStudent, replay: ReplayBuffer, rounds: range) -> list[dict[str, float]]:
     losses = []
     for seed in rounds:
         replay.add(episodes(seed, agent.wants_frames))

@@ -13,14 +13,15 @@ import pytest
 
 from simtune import cli
 from simtune.camera_pose import find, find_camera_pose, lines
-from simtune.camera_pose.film import Film
+from simtune.camera_pose.edges import EdgeFilm
+from simtune.camera_pose.found import FoundCamera
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
 from simtune.camera_pose.scene import measured_states, unlocated_geoms, with_any_camera
-from simtune.camera_pose.search import Found, best_of
+from simtune.camera_pose.search import End, best_end
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
-from simtune.camera_pose.sureness import covariance, is_by_chance, spread
-from simtune.camera_pose.tracking import FINE, NEAR, Agreement, Fit, Tracker, _step
+from simtune.camera_pose.sureness import covariance, half_widths, is_by_chance
+from simtune.camera_pose.tracking import FINE, NEAR, Agreement, CameraFit, Tracker, _step
 from simtune.camera_pose.written import describe, tuning_table
 from simtune.config import CheckConfig
 from simtune.errors import InputError
@@ -123,7 +124,7 @@ class Filmed:
         self.geometry = CameraGeometry.of(model, self.camera, self.space, (SIZE, SIZE))
         nothing_hidden = np.zeros(model.ngeom, bool)
         self.robot = Robot(model, self.camera, self.states, self.geometry, nothing_hidden)
-        film = Film(self.frames, np.median(self.frames, 0))
+        film = EdgeFilm(self.frames, np.median(self.frames, 0))
         self.tracker = Tracker(film, self.robot, self.geometry, self.every)
 
     def beside_px(self, unit: np.ndarray) -> float:
@@ -163,18 +164,6 @@ def test_a_camera_projects_as_mujoco_sees(filmed, task):
     assert (geometry.project(unit, behind[None]) < -1000).all()
 
 
-def test_derivatives_of_a_camera_agree_with_differences(task):
-    options = CheckConfig(task="", real=Path("r"), camera_pose=Path("c.toml"), within_fov_deg=8)
-    tuned = with_any_camera(task, task.cameras[0], options)
-    camera, rng = tuned.cameras[0].camera, np.random.default_rng(3)
-    geometry = CameraGeometry.of(tuned.load_model(), camera, tuned.parameters, (60, 90))
-    unit, points = rng.uniform(-0.1, 1.1, 7), rng.uniform(-0.4, 0.4, (20, 3))
-    exact = geometry.derivatives(unit, points)
-    for i, step in enumerate(1e-5 * np.eye(7)):
-        ahead, behind = (geometry.project(unit + sign * step, points) for sign in (1, -1))
-        np.testing.assert_allclose(exact[..., i], (ahead - behind) / 2e-5, rtol=1e-6, atol=1e-5)
-
-
 def outline(pixels, normals, still=0.0) -> Outlines:
     """Points in the first frame."""
     num = len(pixels)
@@ -182,7 +171,7 @@ def outline(pixels, normals, still=0.0) -> Outlines:
     return Outlines(np.zeros(num, int), nothing, np.array(normals), pixels, np.full(num, still))
 
 
-def strongest(film: Film, points: Outlines) -> tuple[np.ndarray, np.ndarray]:
+def strongest(film: EdgeFilm, points: Outlines) -> tuple[np.ndarray, np.ndarray]:
     steps = np.arange(-8.0, 9.0)
     strength, _ = film.across(points, points.pixels, steps)
     return steps[strength.argmax(1)], strength.max(1)
@@ -196,11 +185,11 @@ def test_edges_are_found_along_normals_whatever_is_lighter():
         picture = np.where(lighter[..., None], [200, 90, 60], [60, 90, 120]).astype(np.uint8)
         for frame in (picture, 255 - picture):
             points = outline(start[its, None], normals[its, None])
-            (place,), (strength,) = strongest(Film(frame[None], None), points)
+            (place,), (strength,) = strongest(EdgeFilm(frame[None], None), points)
             assert place == pytest.approx(off, abs=1)
             assert strength > 0.1
             crossed = points._replace(normals=points.normals[:, ::-1] * [1, -1])
-            assert strongest(Film(frame[None], None), crossed)[1] < 0.02 or its == 2
+            assert strongest(EdgeFilm(frame[None], None), crossed)[1] < 0.02 or its == 2
 
 
 def test_edges_that_stand_still_count_where_the_outlines_do():
@@ -208,7 +197,7 @@ def test_edges_that_stand_still_count_where_the_outlines_do():
     plate = np.where(column >= 24, 200, 60)
     frame = np.where(column >= 14, 120, plate)  # it hides the edge, and has one of its own
     frames = np.stack([frame, plate])[..., None].repeat(3, -1).astype(np.uint8)
-    film = Film(frames, plate[..., None].repeat(3, -1))
+    film = EdgeFilm(frames, plate[..., None].repeat(3, -1))
     moves = outline(np.array([[18.0, 20.0]]), [[1.0, 0.0]])
     assert strongest(film, moves)[0] == pytest.approx(-4.5, abs=0.6)
     later = moves._replace(frames=np.array([1]))  # nothing but what stands still
@@ -353,7 +342,7 @@ def test_a_wrong_camera_is_on_edges_by_chance(filmed):
     assert is_by_chance(agreement)
     assert agreement.score < 0.1 * filmed.tracker.agreement(filmed.truth).score
     fit = filmed.tracker.fit(filmed.truth, FINE[-1:])._replace(unit=wrong)
-    result = describe(filmed.task, Found(fit, agreement, wrong[None]), FRAMES)
+    result = describe(filmed.task, FoundCamera(fit, agreement, wrong[None]), FRAMES)
     assert "the robot's edges are not on the film's" in result["warnings"][0]
     assert result["parameters"]["camera_x"]["low"] == pytest.approx(0.1 - 0.3)  # not told
 
@@ -367,7 +356,7 @@ def test_a_robot_out_of_sight_explains_nothing(filmed):
 def test_what_is_at_an_end_of_its_range_stays_there(filmed):
     """Two unknowns that push alike: without the first, the second does all of it."""
     slopes, off_px = np.array([[1.0, 1], [1, 0], [0, 1]]), np.array([2.0, 1, 1])
-    fit = Fit(np.array([1.0, 0.5]), np.zeros(3, int), np.ones(3), off_px, slopes)
+    fit = CameraFit(np.array([1.0, 0.5]), np.zeros(3, int), np.ones(3), off_px, slopes)
     np.testing.assert_allclose(_step(fit, 100, 0.0), [0, 1.5], rtol=1e-4)
     np.testing.assert_allclose(_step(fit, 100, 0.3), [1, 1], rtol=1e-4)
 
@@ -389,35 +378,35 @@ def test_intervals_are_as_wide_as_errors_of_points_and_frames_say():
     """One unknown, eight frames of two points each: 30 s² / n + 8/7 Σ_g (Σ r)² / n² + .3²."""
     by_frame = np.array([1, -1, 1, -1, 1, -1, 1, -1.0])
     off_px, frames = by_frame.repeat(2), np.arange(8).repeat(2)
-    fit = Fit(np.array([0.5]), frames, np.ones(16), off_px, np.ones((16, 1)))
+    fit = CameraFit(np.array([0.5]), frames, np.ones(16), off_px, np.ones((16, 1)))
     expected = 30 / 16 + 8 / 7 * 8 * 2**2 / 16**2 + 0.3**2
     np.testing.assert_allclose(covariance(fit), [[expected]], rtol=1e-6)
     precise = fit._replace(slopes=100 * fit.slopes)
-    found = Found(precise, Agreement(0.8, 0.2, 0.9), np.array([[0.5], [0.52]]))
+    found = FoundCamera(precise, Agreement(0.8, 0.2, 0.9), np.array([[0.5], [0.52]]))
     half = 1.894579 * np.sqrt(expected / 100**2 + 0.02**2 / 2)  # Student's t of 8 stretches
-    np.testing.assert_allclose(spread(found), [half], rtol=1e-6)
+    np.testing.assert_allclose(half_widths(found), [half], rtol=1e-6)
 
 
 def test_ends_that_are_about_as_good_count_once_each():
     """Of the best, which is the camera, so that another one counts by half."""
-    fit = Fit(np.array([0.5]), np.zeros(1, int), np.ones(1), np.zeros(1), np.ones((1, 1)))
+    fit = CameraFit(np.array([0.5]), np.zeros(1, int), np.ones(1), np.zeros(1), np.ones((1, 1)))
 
-    def ended(at: float, on_edges: float) -> tuple[Agreement, Fit]:
-        return Agreement(on_edges, 0.2, 1.0), fit._replace(unit=np.array([at]))
+    def ended(at: float, on_edges: float) -> End:
+        return End(Agreement(on_edges, 0.2, 1.0), fit._replace(unit=np.array([at])))
 
-    found = best_of([ended(0.9, 0.6), ended(0.52, 0.75), ended(0.5, 0.8)])
+    found = best_end([ended(0.9, 0.6), ended(0.52, 0.75), ended(0.5, 0.8)])
     assert found.fit.unit == 0.5
     assert found.ends.tolist() == [[0.52], [0.5]]
-    nowhere = best_of([ended(0.3, 0.1), ended(0.4, 0.2)])
+    nowhere = best_end([ended(0.3, 0.1), ended(0.4, 0.2)])
     assert nowhere.ends.tolist() == [nowhere.fit.unit.tolist()]
 
 
-def found_at(unit: np.ndarray) -> Found:
+def found_at(unit: np.ndarray) -> FoundCamera:
     """A camera whose parameters are each told by 160 points alone, to a pixel."""
     frames, off_px = np.arange(8).repeat(120), np.tile([1.0, -1.0], 480)
     slopes = 100 * np.tile(np.eye(6), (160, 1))
-    fit = Fit(unit, frames, np.ones(960), off_px, slopes)
-    return Found(fit, Agreement(0.8, 0.2, 0.9), unit[None])
+    fit = CameraFit(unit, frames, np.ones(960), off_px, slopes)
+    return FoundCamera(fit, Agreement(0.8, 0.2, 0.9), unit[None])
 
 
 def test_what_is_written_is_the_camera_in_a_tuning_file(filmed, tmp_path):
@@ -426,7 +415,7 @@ def test_what_is_written_is_the_camera_in_a_tuning_file(filmed, tmp_path):
     json.dumps(result)
     assert result["parameters"]["camera_x"]["mean"] == pytest.approx(0.1 + 0.6 * (0.6 - 0.5))
     low = result["parameters"]["camera_x"]["low"]
-    reach = 0.6 * spread(found)[0]
+    reach = 0.6 * half_widths(found)[0]
     assert low == pytest.approx(result["parameters"]["camera_x"]["mean"] - reach, rel=1e-6)
     assert result["warnings"] == []
     text = TUNING[: TUNING.index("[camera]")] + tuning_table(result)

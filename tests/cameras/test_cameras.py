@@ -23,7 +23,7 @@ from simtune.real.choose import choose_real
 from simtune.real.observed import observed
 from simtune.real.recorded import RecordedReal
 from simtune.recordings import open_dataset, write_dataset
-from simtune.simulation import Simulator
+from simtune.simulation import PictureSettings, Simulator
 from simtune.simulation.rendering.primitives.drawing import Primitives
 from simtune.simulation.rendering.renderer import make_renderer
 from simtune.tasks import Task, load_task, with_one_square_camera
@@ -118,26 +118,28 @@ def test_keypoints_are_where_each_camera_s_picture_shows_them(model, aspect, ren
     seen = keypoints.observe(batch).reshape(5, 2, 2)
     left = 0
     for number, view in enumerate(views):
-        size = HEIGHT, view.width(HEIGHT)
+        settings = PictureSettings(image_size=HEIGHT, renderer=renderer)
         try:
-            drawer = make_renderer(renderer, model, SPACE, view.camera, size)
+            drawer = make_renderer(model, SPACE, view, settings)
         except InputError as error:
             pytest.skip(str(error))
         frames = drawer.render(batch.state, np.tile(SPACE.nominal, (5, 1)))
-        assert frames.shape == (5, *size, 3)
+        assert frames.shape == (5, HEIGHT, view.width(HEIGHT), 3)
         expected = centroids(frames, 0) + np.array([left, 0])
         np.testing.assert_allclose(seen[:, number], expected, atol=0.5)
-        left += size[1]
+        left += view.width(HEIGHT)
 
 
 def test_primitives_are_drawn_in_any_shape_as_mujoco_warp_draws_them(model, monkeypatch):
     batch, worlds = poses(model, 4), np.tile(SPACE.nominal, (4, 1))
-    for size in ((40, 72), (72, 40)):
-        ours = make_renderer("raycaster", model, SPACE, "front", size)
+    for height, width in ((40, 72), (72, 40)):
+        view, settings = View("front", width / height), PictureSettings(image_size=height)
+        ours = make_renderer(model, SPACE, view, settings)
         with monkeypatch.context() as patch:
             patch.setattr(Primitives, "can_draw", lambda context: False)
-            theirs = make_renderer("raycaster", model, SPACE, "front", size)
+            theirs = make_renderer(model, SPACE, view, settings)
         frames, expected = (r.render(batch.state, worlds) for r in (ours, theirs))
+        assert frames.shape == (4, height, width, 3)
         assert np.abs(frames.astype(int) - expected).max() <= 1
         assert len(np.unique(frames.reshape(-1, 3), axis=0)) == 3
 
@@ -145,9 +147,10 @@ def test_primitives_are_drawn_in_any_shape_as_mujoco_warp_draws_them(model, monk
 def test_what_stands_moves_before_a_camera_on_a_robot(model):
     """And what the camera is mounted on does not."""
     batch = poses(model, 12)
-    keypoints = candidate_keypoints(model, [View("hand", 1.5)], HEIGHT)
+    view = View("hand", 1.5)
+    keypoints = candidate_keypoints(model, [view], HEIGHT)
     assert {model.geom(geom).name for geom in keypoints.geoms} == {"post"}  # a floor has no middle
-    drawer = make_renderer("raycaster", model, SPACE, "hand", (HEIGHT, 72))
+    drawer = make_renderer(model, SPACE, view, PictureSettings(image_size=HEIGHT))
     frames = drawer.render(batch.state, np.tile(SPACE.nominal, (12, 1)))
     inside = (frames[..., 2] > 100).sum((1, 2)) == (frames[:, 1:-1, 1:-1, 2] > 100).sum((1, 2))
     assert inside.sum() >= 4

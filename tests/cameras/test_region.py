@@ -76,11 +76,11 @@ def test_what_is_read_of_a_region_is_what_its_camera_sees(scene, load, camera):
     expected = drawn(task, 4 * SIZE, aspect)  # without jagged edges
     height, width = SIZE, int(SIZE * aspect + 1e-6)
     expected = expected[:, : 4 * width].reshape(height, 4, width, 4, 3).mean((1, 3))
-    read = task.cameras[0].fit(whole, (height, width))
+    read = task.cameras[0].as_pinhole(whole, (height, width))
     difference = np.abs(read - expected)
     assert difference.mean() < 4
     assert np.ptp(expected, (0, 1)).max() > 60  # there is something to see
-    elsewhere = task.cameras[0].fit(np.roll(whole, 6, 1), (height, width))
+    elsewhere = task.cameras[0].as_pinhole(np.roll(whole, 6, 1), (height, width))
     assert np.abs(elsewhere - expected).mean() > 1.5 * difference.mean()
 
 

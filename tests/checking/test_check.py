@@ -18,21 +18,22 @@ from simtune.budget import Budget
 from simtune.cameras.footage import Footage
 from simtune.cameras.views import View
 from simtune.checking import check, table
-from simtune.checking.conclusions import conclude
+from simtune.checking.conclusions import conclude_on_parameters
 from simtune.checking.expected_precision import expected_precision
-from simtune.checking.recording_warnings import warnings
-from simtune.columns import two_digits
-from simtune.config import CheckConfig
-from simtune.errors import InputError
-from simtune.fit.camera_changes import (
+from simtune.checking.recording_warnings import recording_warnings
+from simtune.checking.sensitivity.parameters import Sensitivity, analyze, one_by_one
+from simtune.checking.sensitivity.pictures import (
     WINDOW_STEPS,
+    CameraChanges,
     motion_changes,
     motion_covariance,
     picture_changes,
-    windows,
+    short_plays,
 )
+from simtune.columns import two_digits
+from simtune.config import CheckConfig
+from simtune.errors import InputError
 from simtune.fit.motion import shooting
-from simtune.fit.sensitivity import Sensitivity, analyze, one_by_one
 from simtune.observation import ObservationModel
 from simtune.parameters import Parameter, ParameterSpace, camera_pose, colour, dynamics
 from simtune.recordings import write_dataset
@@ -142,7 +143,7 @@ class Scene:
 
     def conclude(self) -> dict:
         sensitivity = analyze(self.simulator, self.actions, 0, ObservationModel.of_simulator())
-        return conclude(self.task.parameters, sensitivity)
+        return conclude_on_parameters(self.task.parameters, sensitivity)
 
 
 @pytest.fixture(scope="module")
@@ -194,10 +195,9 @@ def seen_alike(space: ParameterSpace, size: np.ndarray, **others: np.ndarray) ->
     """Of parameters at their nominal values, which show by (N,) `size` in each way."""
     return Sensitivity(
         parameters=space.nominal,
-        levels=size,
-        pixel_share=size,
-        rms_px=size,
-        largest_px=size,
+        pictures=CameraChanges.nothing(len(space))._replace(
+            levels=size, pixel_share=size, rms_px=size, largest_px=size
+        ),
         **others,
     )
 
@@ -217,7 +217,7 @@ def test_a_sum_is_of_one_unit():
         first_width=np.full(len(space), 0.2),
         correlation=correlation,
     )
-    said = [pair["combination"] for pair in conclude(space, sensitivity)["pairs"]]
+    said = [pair["combination"] for pair in conclude_on_parameters(space, sensitivity)["pairs"]]
     assert said == [
         "their difference, cam_x − cam_y",
         "a larger cam_z looks like a larger cam_pitch",
@@ -247,7 +247,7 @@ def test_a_power_that_says_little_but_of_one_parameter_is_not_told(b_std, said):
         first_width=np.full(2, 2.2),
         correlation=np.array([[1.0, 0.95], [0.95, 1.0]]),
     )
-    (pair,) = conclude(space, sensitivity)["pairs"]
+    (pair,) = conclude_on_parameters(space, sensitivity)["pairs"]
     assert pair["combination"] == said
 
 
@@ -294,7 +294,9 @@ def test_a_reason_why_nothing_shows_is_given_only_where_nothing_does():
         first_width=np.full(2, 2.2),
         correlation=np.eye(2),
     )
-    found = conclude(space, sensitivity, dict.fromkeys(space.names, "touches nothing"))
+    found = conclude_on_parameters(
+        space, sensitivity, dict.fromkeys(space.names, "touches nothing")
+    )
     notes = {name: facts["note"] for name, facts in found["parameters"].items()}
     assert notes == {"felt": "", "unfelt": "touches nothing"}
 
@@ -320,7 +322,7 @@ def test_what_shows_by_readings_depends_on_what_a_fit_leaves(told, at_best, verd
         first_width=2.2 * one,
         correlation=np.zeros((1, 1)),
     )
-    said = conclude(space, sensitivity)["parameters"]["kp"]
+    said = conclude_on_parameters(space, sensitivity)["parameters"]["kp"]
     assert said["verdict"] == verdict
     assert said["std_percent"] == pytest.approx(100 * told)
     assert said["std_percent_at_best"] == pytest.approx(100 * at_best)
@@ -377,7 +379,7 @@ def test_motion_changes_equal_a_plain_loop(swinging):
     )
     data, arm = mujoco.MjData(model), model.geom("arm").id
     distances = []
-    for start, actions in zip(*windows(swinging.episodes), strict=True):
+    for start, actions in zip(*short_plays(swinging.episodes), strict=True):
         ends = []
         for damping in (0.2, 0.24):
             model.dof_damping[0] = damping
@@ -461,7 +463,7 @@ def warned(step_s: float, lengths: tuple[int, ...], largest: float, late_ms: flo
     late = {"time_error_ms": {"largest": late_ms, "mean": late_ms / 2}}
     facts = {"control_hz": 1 / step_s, "cameras": [late], "names": ["one", "two", "three"]}
     actions = [t.actions for t in trajectories(step_s, lengths, largest)]
-    return warnings(pendulum(), facts, actions, 2)
+    return recording_warnings(pendulum(), facts, actions, 2)
 
 
 def test_warnings():
@@ -469,7 +471,7 @@ def test_warnings():
         "actions of idle are always 0.5: they excite nothing"
     ]
     facts = {"control_hz": 12.5, "cameras": [], "names": ["one"]}
-    (still,) = warnings(pendulum(), facts, [np.full((30, 2), 0.5)], 1)
+    (still,) = recording_warnings(pendulum(), facts, [np.full((30, 2), 0.5)], 1)
     assert still.startswith("2 of 2 actions never change (")
     assert "idle" in still
     assert "cannot be told" in still
@@ -494,29 +496,31 @@ def test_actions_of_a_controller_within_the_robot_are_warned_of(tmp_path):
         file.create_group("data").attrs["env_args"] = json.dumps(kinds)
     facts = {"control_hz": 12.5, "cameras": [], "names": ["demo_0"], "folder": str(path)}
     deltas = np.random.default_rng(0).uniform(-1, 1, (30, 2))
-    (said,) = warnings(pendulum(), facts, [deltas], 1)
+    (said,) = recording_warnings(pendulum(), facts, [deltas], 1)
     assert said.startswith("actions may not be what actuators are sent: its env_args names the ")
     displacing = type("Displacing", (DirectActions,), {"is_relative": True})
-    assert warnings(replace(pendulum(), map_actions=displacing), facts, [deltas], 1) == []
-    torques = warnings(pendulum(), facts, [3 * deltas], 1)
+    assert recording_warnings(replace(pendulum(), map_actions=displacing), facts, [deltas], 1) == []
+    torques = recording_warnings(pendulum(), facts, [3 * deltas], 1)
     assert not any("env_args" in told for told in torques)
 
 
 def test_no_rate_is_advised_against_one_that_was_chosen_or_that_frames_need():
     facts = {"control_hz": 10.0, "cameras": [{"time_error_ms": {"largest": 40}}]}
     actions = [np.eye(30, 2)]
-    rate, late = warnings(pendulum(), facts, actions, 1)
+    rate, late = recording_warnings(pendulum(), facts, actions, 1)
     assert rate == (
         "recordings are replayed at 10 steps/s, the task has 12.5; the simulator follows them"
     )
     assert "take a smaller --control-hz" in late
     assert "Hz)" not in late  # nothing says whether frames come regularly
-    assert warnings(pendulum(), facts | {"fps": 100.0}, actions, 1) == [late]
+    assert recording_warnings(pendulum(), facts | {"fps": 100.0}, actions, 1) == [late]
     film = {"time_error_ms": {"largest": 20, "mean": 10}}
     dense = {"control_hz": 50.0, "fps": 50.0, "cameras": [film]}
-    *_, late = warnings(pendulum(), dense, actions, 1)
+    *_, late = recording_warnings(pendulum(), dense, actions, 1)
     assert "take a smaller --control-hz (frames seem to come at about 25 Hz)" in late
-    fast = warnings(pendulum(), facts | {"control_hz": 1 / (1 / 49), "fps": 49}, actions, 1)
+    fast = recording_warnings(
+        pendulum(), facts | {"control_hz": 1 / (1 / 49), "fps": 49}, actions, 1
+    )
     assert fast[0].endswith(
         "--control-hz 12.5 brings them to it. Was 49 Hz the real rate? A wrong one in the file "
         "makes all motion too fast or too slow"
@@ -534,7 +538,7 @@ def test_no_rate_is_advised_against_one_that_was_chosen_or_that_frames_need():
 )
 def test_readings_between_steps_are_told_of(changed, is_said):
     facts = {"control_hz": 12.5, "fps": 12.5, "readings_hz": 31.25, "cameras": []} | changed
-    said = warnings(pendulum(), facts, [np.eye(30, 2)], 1)
+    said = recording_warnings(pendulum(), facts, [np.eye(30, 2)], 1)
     expected = [
         "readings come at 31.25 Hz, steps are 12.5 Hz: --control-hz 31.25 uses all of them "
         "(each step takes as long)"
@@ -544,25 +548,25 @@ def test_readings_between_steps_are_told_of(changed, is_said):
 
 def test_rows_that_a_log_lacks_are_warned_of_in_one_line():
     facts = {"control_hz": 12.5, "cameras": [], "gaps": {"swing1": [[2.9, 6.0]]}}
-    (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
+    (said,) = recording_warnings(pendulum(), facts, [np.eye(8, 2)], 1)
     assert said == (
         "swing1: no row between 2.9 and 6 s: the action before is held; was the log cut?"
     )
     facts["gaps"] |= {"swing2": [[1.0, 1.5], [3.0, 9.0]]}
-    (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
+    (said,) = recording_warnings(pendulum(), facts, [np.eye(8, 2)], 1)
     assert said.startswith("swing2: no row between 3 and 9 s, the longest of 3 gaps: the action")
 
 
 def test_rows_without_a_frame_are_warned_of():
     facts = {"control_hz": 12.5, "cameras": [], "unfilmed": {"episode 3": 1}}
-    (said,) = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
+    (said,) = recording_warnings(pendulum(), facts, [np.eye(8, 2)], 1)
     assert said == "episode 3: its video has no frame for the last row: left out"
 
 
 @pytest.mark.parametrize(("ends_s", "is_warned_of"), [(0.9, False), (1.5, False), (4.0, True)])
 def test_a_video_that_goes_on_long_after_its_actions_may_have_another_clock(ends_s, is_warned_of):
     facts = {"control_hz": 12.5, "cameras": [], "unused_s": {"swing1": [ends_s, 8.0]}}
-    said = warnings(pendulum(), facts, [np.eye(8, 2)], 1)
+    said = recording_warnings(pendulum(), facts, [np.eye(8, 2)], 1)
     assert len(said) == is_warned_of
     if is_warned_of:
         assert said[0].startswith("swing1: the video goes on for 4 s after 8 s of actions")
@@ -739,7 +743,7 @@ def test_a_run_expects_what_check_says_and_twice_the_episodes_tell_twice_as_much
     stds = [expected[num]["damping"]["std_percent"] for num in (4, 8)]
     assert stds[0] / stds[1] == pytest.approx(np.sqrt(2), rel=0.03)
     sensitivity = analyze(swinging.simulator, np.stack([actions] * 4), 0, seen)
-    checked = conclude(swinging.task.parameters, sensitivity)
+    checked = conclude_on_parameters(swinging.task.parameters, sensitivity)
     assert expected[4]["damping"]["std_percent"] == pytest.approx(
         checked["parameters"]["damping"]["std_percent"]
     )

@@ -14,8 +14,8 @@ from simtune.checking.film import look
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import compare
 from simtune.checking.film.exchanged import exchanged
-from simtune.checking.film.features import SIZE, describe, likeness, moving_share
-from simtune.checking.film.film_warnings import all_clear, warnings
+from simtune.checking.film.features import SIZE, describe, likeness, moving_share, squeezed
+from simtune.checking.film.film_warnings import all_clear, warnings_of_film
 from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, MIRRORED
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.resting import in_words, resting_parts
@@ -57,7 +57,7 @@ def filmed(frames: np.ndarray, *, is_plate: bool = False) -> CameraFilm:
 
 
 def said_of(frames: np.ndarray, library: Library) -> list[str]:
-    return warnings(filmed(frames), compare(frames, library))
+    return warnings_of_film(filmed(frames), compare(squeezed(frames), library))
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +154,7 @@ def test_undoing_a_stretch_halves_slopes():
 @pytest.mark.thorough
 def test_another_world_of_the_scene_is_no_other_scene(library):
     comparison = compare(drawn(3, 8, 1), library)
-    assert warnings(filmed(drawn(3, 8, 1)), comparison) == []
+    assert warnings_of_film(filmed(drawn(3, 8, 1)), comparison) == []
     assert comparison.alike > 0.9
     assert comparison.moving_share == pytest.approx(comparison.simulated_moving_share, rel=0.3)
     # The bar of the nearest picture is where the film's is.
@@ -214,11 +214,11 @@ def test_another_scene_and_a_still_film_are_warned_of(library):
     room = 'where the room around, or a shadow, is not in the model, say background = "{}"'
     assert said.endswith(f"to each other; {room.format('recording')}")
     comparison = compare(other, library)
-    (said,) = warnings(filmed(other), comparison, camera_moves=True)  # such as a wrist's
+    (said,) = warnings_of_film(filmed(other), comparison, camera_moves=True)  # such as a wrist's
     assert said.endswith(f"to each other; {room.format('unknown')}")
-    unknown = filmed(other)._replace(view=View("front", background_is_unknown=True))
-    assert warnings(unknown, comparison) == []
-    (said,) = warnings(filmed(other, is_plate=True), compare(other, library))
+    unknown = replace(filmed(other), view=View("front", background_is_unknown=True))
+    assert warnings_of_film(unknown, comparison) == []
+    (said,) = warnings_of_film(filmed(other, is_plate=True), compare(other, library))
     assert said.endswith("to each other; or something else moves, such as a shadow")
     (said,) = said_of(film[:, :1].repeat(8, 1), library)
     assert said.startswith("nothing moves in the film")
@@ -248,7 +248,7 @@ def test_a_library_is_of_worlds_that_play_the_actions(monkeypatch):
     worlds = np.arange(0, 32, 5)
     film = library.frames[worlds, ::3]
     comparison = compare(film, library)
-    assert warnings(filmed(film), comparison) == []
+    assert warnings_of_film(filmed(film), comparison) == []
     found = comparison.nearest == 24 * worlds[:, None] + np.arange(0, 24, 3)
     # .48 to .64 by seeds 0 to 3: others look the same, or nearly so, as colours do not count
     assert found.mean() > 0.4
@@ -264,14 +264,14 @@ def test_exchanged_films_are_told_by_what_moves_alone(library):
     film, plain = drawn(2, 8, 1), library.frames
     upright = [film, np.rot90(film, 1, (2, 3))]
     libraries = [library, library_of(np.rot90(plain, 1, (2, 3)))]
-    assert exchanged(upright, libraries) == {}
-    assert exchanged(upright[::-1], libraries) == {0: 1, 1: 0}
+    assert exchanged([filmed(one) for one in upright], libraries) == {}
+    assert exchanged([filmed(one) for one in upright[::-1]], libraries) == {0: 1, 1: 0}
     # A lens makes 4:3 a little wider; an upright film is no wide camera's
     wider, taller = (upright[0].repeat(n, axis) for n, axis in ((17, 3), (2, 2)))
-    assert exchanged([upright[1], wider[..., ::16, :]], libraries) == {0: 1, 1: 0}
-    assert exchanged([upright[1], taller], libraries) == {}
+    assert exchanged([filmed(upright[1]), filmed(wider[..., ::16, :])], libraries) == {0: 1, 1: 0}
+    assert exchanged([filmed(upright[1]), filmed(taller)], libraries) == {}
     before_its_own = filmed(upright[1], is_plate=True)
-    (said,) = warnings(before_its_own, compare(upright[1], library), exchanged_with="side")
+    (said,) = warnings_of_film(before_its_own, compare(upright[1], library), exchanged_with="side")
     assert said.endswith("are their keys exchanged?")
 
 
@@ -286,7 +286,7 @@ def test_a_camera_that_moves_may_have_another_one_s_film(library, monkeypatch):
     """Such as a wrist's, of which only what moves is compared, too."""
     simulator = pendulum().simulator(image_size=SIZE)
     film, turned = drawn(2, 8, 1), library_of(np.rot90(library.frames, 1, (2, 3)))
-    films = [filmed(np.rot90(film, 1, (2, 3))), filmed(film)._replace(name="wrist")]
+    films = [filmed(np.rot90(film, 1, (2, 3))), replace(filmed(film), name="wrist")]
     for name, its in (
         ("make_libraries", [library, turned]),
         ("resting_parts", []),
@@ -294,7 +294,7 @@ def test_a_camera_that_moves_may_have_another_one_s_film(library, monkeypatch):
         ("camera_moves", True),
     ):
         monkeypatch.setattr(look, name, lambda *_, its=its: its)
-    said = look.warnings_of(look.look_at(films, simulator, np.zeros((2, 8, 2)), seed=0))
+    said = look.named_warnings(look.look_at(films, simulator, np.zeros((2, 8, 2)), seed=0))
     assert [told.partition(":")[0] for told in said] == ["camera front", "camera wrist"]
     assert all(told.endswith("are their keys exchanged?") for told in said)
 

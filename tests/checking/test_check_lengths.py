@@ -7,7 +7,7 @@ import pytest
 from test_turned_films import RANGE, SCENE, STEPS, TUNE, Scene, write_task
 
 from simtune.checking import check
-from simtune.checking.servos.lengths import far_beyond_model
+from simtune.checking.mistakes.lengths import far_beyond_model
 from simtune.checking.starts import far_starts
 from simtune.config import CheckConfig
 from simtune.recordings import write_dataset

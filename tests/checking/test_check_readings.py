@@ -18,6 +18,7 @@ from servo_arm import write_arm
 
 from simtune import cli
 from simtune.checking import check, table
+from simtune.checking.mistakes.joint_ranges import beyond_ranges
 from simtune.checking.reading_errors import of_recorded, of_simulated
 from simtune.checking.readings import (
     ReadEpisodes,
@@ -25,15 +26,14 @@ from simtune.checking.readings import (
     read_episodes,
     reading_changes,
 )
+from simtune.checking.sensitivity.parameters import one_by_one
+from simtune.checking.sensitivity.reading_changes import ReadingChanges, ReplayedReadings
 from simtune.checking.servos.commands import commands_of, servos_of
-from simtune.checking.servos.joint_ranges import beyond_ranges
 from simtune.config import CheckConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.settings import Settings
 from simtune.fit import OpenLoopReplay, Readings
-from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
-from simtune.fit.sensitivity import one_by_one
-from simtune.observation import JointSensor, joints_of
+from simtune.observation import JointSensor
 from simtune.real.observed import observed, open_recordings
 from simtune.recordings import write_dataset
 from simtune.tasks import Task, load_task
@@ -279,7 +279,7 @@ def test_servos_of_recordings(blind, recorded):
 
 def test_recorded_readings_may_leave_their_own_noise_at_best(blind):
     seen, real = observed(blind, None, is_simulated=False), episodes(blind)
-    sensors = joints_of(seen.sensors)
+    sensors = seen.sensors
     values = Readings.of(
         [replace(t, readings=seen.in_units(t.readings, STEP_S)) for t in real], sensors
     )

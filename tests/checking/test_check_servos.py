@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simtune.checking.servos.doubt import grouped
+from simtune.checking.doubt import grouped
 from simtune.checking.servos.doubts import doubts
 from simtune.checking.servos.fit import ServoResponse, delayed_by, filtered_by, fit_servo
 from simtune.checking.servos.following import Following, Watched, follows
@@ -13,7 +13,7 @@ from simtune.checking.servos.lost import missing, without_lost_packets
 from simtune.checking.servos.play import find_play, through_play
 from simtune.checking.servos.roughness import roughness
 from simtune.checking.servos.table import servo_lines
-from simtune.fit.readings.stretches import filled
+from simtune.fit.readings.readings import filled
 from simtune.observation import JointSensor
 
 STEP_S = 0.02

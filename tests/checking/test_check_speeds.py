@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from simtune.checking.doubt import grouped
 from simtune.checking.servos.commands import servos_of
-from simtune.checking.servos.doubt import grouped
 from simtune.checking.servos.fit import delayed_by, filtered_by
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.look import look_at

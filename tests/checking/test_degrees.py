@@ -70,7 +70,6 @@ def test_they_are_asked_about_where_every_episode_diverges(monkeypatch):
     seen, actions = cast(ObservationModel, SimpleNamespace(sensors=[sensor])), np.zeros((19, 1))
     for module in (check, expected_precision):
         monkeypatch.setattr(module, "reading_changes", diverge)
-        monkeypatch.setattr(module, "joints_of", list)
     monkeypatch.setattr(expected_precision, "look_at_servos", lambda *_: read)
     given = check.Given(simulator, actions[None], {"warnings": []}, read, is_far=True)
     with pytest.raises(InputError, match="every episode diverged; the largest readings in rad are"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simtune.cameras.views import View
-from simtune.checking.extents import extents_px, small, unclear_of
+from simtune.checking.extents import extents_px, small_in_pictures, unclear_of
 from simtune.checking.image_size import choose_image_size
 from simtune.checking.table import _extents
 from simtune.config import CheckConfig, TuneConfig
@@ -83,14 +83,14 @@ def test_what_leaves_the_picture_is_as_large_as_it_was_in_it(folder, load):
         states = space.with_positions_and_velocities(states, moved)
         found = extents_px(simulator, states, simulator.views)
         assert found["plate"] == pytest.approx(size, rel=0.02)
-    (said,) = small({"ball": 0.0}, 64, {})
+    (said,) = small_in_pictures({"ball": 0.0}, 64, {})
     assert "nothing that moves is in sight" in said
 
 
 def test_where_all_is_small_something_is_said():
-    assert small({}, 64, {}) == []
-    assert small({"arm": 9.0, "finger": 1.0}, 64, {}) == []
-    (said,) = small({"bob": 2.6, "rod": 0.5}, 64, {"rod": ["rod_mass"]})
+    assert small_in_pictures({}, 64, {}) == []
+    assert small_in_pictures({"arm": 9.0, "finger": 1.0}, 64, {}) == []
+    (said,) = small_in_pictures({"bob": 2.6, "rod": 0.5}, 64, {"rod": ["rod_mass"]})
     assert _extents({"bob": 2.61, "rod": 0.5}, 64).endswith("pixels of 64: bob 2.6, rod 0.5")
     assert _extents({"bob": 0.0, "rod": 2.0}, 64).endswith(": rod 2.0, bob mostly out of sight")
     assert "bob, is 2.6 of 64 pixels across. --image-size 128 would show 5.2, if" in said
@@ -105,19 +105,19 @@ def test_where_all_is_small_something_is_said():
     ],
 )
 def test_larger_pictures_are_asked_for_only_where_recordings_have_them(recorded_px, advice):
-    (said,) = small({"bob": 2.6}, 64, {}, recorded_px)
+    (said,) = small_in_pictures({"bob": 2.6}, 64, {}, recorded_px)
     assert said.startswith(
         f"what moves is small: the largest, bob, is 2.6 of 64 pixels across. {advice}"
     )
-    (said,) = small({"bob": 0.5}, 64, {}, 1080)
+    (said,) = small_in_pictures({"bob": 0.5}, 64, {}, 1080)
     assert "--image-size 256 would show 2.0;" in said, "no command takes more"
 
 
 def test_what_shows_little_and_is_small_is_said():
     unclear = {"box": ["box_mass", "box_friction"], "arm": ["arm_mass"], "hidden": ["lid"]}
-    (said,) = small({"arm": 9.0, "box": 2.0, "hidden": 0.0}, 64, unclear)
+    (said,) = small_in_pictures({"arm": 9.0, "box": 2.0, "hidden": 0.0}, 64, unclear)
     assert said.startswith("box_mass, box_friction: box is 2.0 of 64 pixels across. --image-size")
-    assert small({"arm": 9.0, "box": 5.0}, 64, unclear) == []
+    assert small_in_pictures({"arm": 9.0, "box": 5.0}, 64, unclear) == []
 
 
 def test_parameters_are_of_their_bodies(folder, load):

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from simtune.budget import Budget
-from simtune.checking import sensitive_starts
 from simtune.checking.check import check
+from simtune.checking.sensitive_starts import growth_warnings
+from simtune.checking.sensitivity.reading_changes import ReadingChanges, ReplayedReadings
 from simtune.config import CheckConfig
 from simtune.fit import OpenLoopReplay, Readings
 from simtune.fit.readings.growth import follow, growth
 from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.segments import Segments
-from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
 from simtune.real.observed import observed
 from simtune.tasks import Task, load_task
 
@@ -75,11 +75,11 @@ def test_parts_that_there_is_no_time_for_are_assumed_to_tell_as_much(tmp_path):
     )
     readings = Readings(still, np.full((2, 21, 1), 0.3))
 
-    def found(budget: Budget | None) -> ReadingChanges:
+    def found(budget: Budget) -> ReadingChanges:
         replays = ReplayedReadings(simulator, seen, nominal, still, readings, 0, budget)
         return replays.changes(*given)
 
-    whole, few = found(None), found(Budget(1e-9))
+    whole, few = found(Budget()), found(Budget(1e-9))
     assert whole.left_out == ()
     assert few.left_out[-1].startswith("there was time to ask 1 of 2 parts of episodes")
     np.testing.assert_allclose(few.information, whole.information, rtol=0.05)
@@ -92,13 +92,13 @@ def test_what_flies_away_has_grown_without_end_and_no_overflow_is_told_of(tmp_pa
     loop = set_up_loop(simulator, seen, task.parameters.nominal)
     unit = task.parameters.to_unit(task.parameters.nominal)
     upright = Readings(np.zeros((1, 20, 1)), np.zeros((1, 21, 1)))
-    whole = loop.states_of(upright, unit, np.zeros(1)).cut(Segments.evenly(upright))
+    whole = loop.states_of(upright, unit).cut(Segments.evenly(upright))
 
     def fly(_, stretches, states, units):
         return 1e307 * np.sign(states[:, :, None, :1]), None
 
     monkeypatch.setattr(OpenLoopReplay, "play", fly)
-    assert growth(loop, whole, unit).max() == np.inf
+    assert growth(loop, whole, unit)[0].max() == np.inf
 
 
 @pytest.mark.parametrize("push", [50.0, -50.0])
@@ -132,7 +132,7 @@ def test_an_episode_is_followed_while_errors_grow_less_than_ten_times(tmp_path, 
     loop = set_up_loop(simulator, seen, task.parameters.nominal)
     upright = Readings(np.zeros((2, 60, 1)), np.zeros((2, 61, 1)))
     unit = task.parameters.to_unit(task.parameters.nominal)
-    found = follow(loop, loop.states_of(upright, unit, np.zeros(1)), unit)
+    found, _ = follow(loop, loop.states_of(upright, unit, np.zeros(1)), unit)
     each = list(zip(found.begin.tolist(), found.steps.tolist(), strict=True))
     assert each == 2 * segments
     assert found.episode.tolist() == np.repeat([0, 1], len(segments)).tolist()
@@ -145,23 +145,23 @@ def test_all_of_a_long_episode_is_followed(tmp_path):
     loop = set_up_loop(simulator, seen, task.parameters.nominal)
     upright = Readings(np.zeros((1, steps, 1)), np.zeros((1, steps + 1, 1)))
     unit = task.parameters.to_unit(task.parameters.nominal)
-    found = follow(loop, loop.states_of(upright, unit, np.zeros(1)), unit)
+    found, _ = follow(loop, loop.states_of(upright, unit, np.zeros(1)), unit)
     assert found.steps.tolist() == 20 * [19]
 
 
 def test_few_of_many_episodes_are_named():
     growth = np.array([1.0, 150.8, np.nan, 2.0])
-    (warning,) = sensitive_starts.warnings(growth, ["a", "b", "c", "d", "e"])
+    (warning,) = growth_warnings(growth, ["a", "b", "c", "d", "e"])
     assert warning.startswith("in 1 of 4 episodes replayed (b) an error of a first reading grows ")
     assert "up to 151 times" in warning
-    assert sensitive_starts.warnings(np.array([9.0, np.nan]), ["a", "b"]) == []
+    assert growth_warnings(np.array([9.0, np.nan]), ["a", "b"]) == []
 
 
 def test_what_is_unstable_open_loop_is_told_and_no_contact_where_nothing_touches():
     growth, names = np.array([17.0]), ["a"]
-    (unknown,) = sensitive_starts.warnings(growth, names)
+    (unknown,) = growth_warnings(growth, names)
     assert "(a contact, a fall, what swings freely, such as a load on a cable, or what" in unknown
-    (nothing,) = sensitive_starts.warnings(growth, names, [])
+    (nothing,) = growth_warnings(growth, names, [])
     assert "contact" not in nothing
     assert "it is unstable open loop" in nothing
     assert "touch" not in nothing

@@ -13,7 +13,7 @@ from simtune.checking.film.at_odds import at_odds
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import Comparison
 from simtune.checking.film.explanations import AtOdds, Worlds
-from simtune.checking.film.film_warnings import all_clear, warnings
+from simtune.checking.film.film_warnings import all_clear, warnings_of_film
 from simtune.checking.film.framing import AS_IT_IS, TURNS
 from simtune.checking.film.look import look_at
 from simtune.checking.film.painted import hidden_background, painted_over
@@ -221,16 +221,16 @@ def test_what_is_said_of_a_turned_film():
     film = CameraFilm("top", np.empty((0, 0, 0, 0, 3), np.uint8), View("top"), is_plate=True)
     comparison = Comparison(1, AS_IT_IS, 1, 1, 1, 0.1, 0.1, np.zeros((1, 1), int))
     top, upside_down, on_its_side = TURNS[1], TURNS[2], TURNS[5]
-    (said,) = warnings(film, comparison, turned=Turned([top], ["y"]))
+    (said,) = warnings_of_film(film, comparison, turned=Turned([top], ["y"]))
     assert said == (
         "the film is mirrored top to bottom, against what readings say: mirror the film back, or "
         "reverse the sign of y in the sensor (and in [actions], if both agree)"
     )
-    (said,) = warnings(film, comparison, turned=Turned([upside_down], [], "hinge"))
+    (said,) = warnings_of_film(film, comparison, turned=Turned([upside_down], [], "hinge"))
     assert said.endswith("turn the film back, or the camera; or is the zero of hinge elsewhere?")
-    (said,) = warnings(film, comparison, turned=Turned([on_its_side], []))
+    (said,) = warnings_of_film(film, comparison, turned=Turned([on_its_side], []))
     assert said.endswith("or are columns of readings exchanged?")
-    assert warnings(film, comparison) == []
+    assert warnings_of_film(film, comparison) == []
 
 
 @pytest.mark.thorough
@@ -370,7 +370,7 @@ def test_what_is_said_of_a_film_at_odds_with_its_actions():
     film = CameraFilm("top", frames, View("top"), is_plate=True)
     comparison = Comparison(1.0, AS_IT_IS, 1.0, 1.03, 1.0, 0.1, 0.1, np.zeros((1, 1), int))
     says = [
-        warnings(film, comparison, at_odds=odds)[0]
+        warnings_of_film(film, comparison, at_odds=odds)[0]
         for odds in (
             AtOdds([TURNS[0]], ["the action px"]),
             AtOdds([], ["the action px"]),

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.checking import sensitive_starts
 from simtune.checking.check import check
 from simtune.checking.replayed_contacts import Touching, in_words
 from simtune.checking.replays import RecordedReplays
+from simtune.checking.sensitive_starts import growth_warnings
 from simtune.config import CheckConfig, TuneConfig
 from simtune.experiment.experiment import build_experiment
 from simtune.real.observed import observed
@@ -248,7 +248,7 @@ def test_of_geoms_that_touch_the_same_all_are_told_together():
         "(walk1): is it so on the robot?"
     )
     growth = np.array([20.0, 1.0, 20.0])
-    (warning,) = sensitive_starts.warnings(growth, ["walk0", "rest", "walk1"], found)
+    (warning,) = growth_warnings(growth, ["walk0", "rest", "walk1"], found)
     assert "2 of 3 episodes replayed (walk0, walk1)" in warning
     assert warning.endswith(
         "In these replays left, right touch floor in 2 of 2 episodes; left touches right in 1 of 2 "

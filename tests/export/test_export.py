@@ -20,7 +20,7 @@ from scipy.stats import spearmanr
 from simtune.config import ExportConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment import outcome
-from simtune.export import export, summary
+from simtune.export import export, how_sure
 from simtune.parameters import ModelWriter
 from simtune.parameters.values_file import read_parameters
 from simtune.random_streams import Purpose, stream
@@ -378,7 +378,7 @@ def test_how_sure_the_numbers_are_is_printed(tmp_path):
     first, *others = stored["parameters"]
     stored["parameters"][first]["verdict"] = "identified"
     write_json(run / "result.json", stored)
-    assert summary(run) == [
+    assert how_sure(run) == [
         f"1 of {1 + len(others)} parameters identified",
         f"weak: {', '.join(others)}",
         "warning: odd",

@@ -10,9 +10,10 @@ from simtune.budget import Budget
 from simtune.checking.mistakes.misread import misread
 from simtune.checking.mistakes.short_replays import ShortReplays
 from simtune.fit import Guess, OpenLoopReplay, OutputErrorMethod, Readings, ReplayStage
-from simtune.fit.lateness import Lateness
+from simtune.fit.lateness import late_unit
 from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.measured_states import MeasuredStates
+from simtune.fit.readings.segments import Segments
 from simtune.observation import finds_offset
 from simtune.real.observed import observed
 from simtune.tasks import load_task
@@ -151,11 +152,12 @@ def test_a_robot_that_balances_is_found_from_afar(loop, driven):
     readings, finds = driven[0], finds_offset(loop.sensors)
     method = OutputErrorMethod(loop, finds, unit_of(loop, 0.6, 1.0))
     guess = Guess(unit_of(loop, 0.7, 0.8), np.zeros(4))
-    guess = method.descend(readings, guess, ReplayStage(8, 12, 24), Budget()).guess
+    stage = ReplayStage(8, Segments.evenly(readings, 12, 24))
+    guess = method.descend(readings, guess, stage, Budget()).guess
     segments = method.follow(readings, guess)
     assert np.isin(np.arange(2), segments.episode).all()
     assert segments.steps.sum() > STEPS  # of both: more than half can be followed
-    ended = method.descend(readings, guess, ReplayStage(4, segments=segments), Budget())
+    ended = method.descend(readings, guess, ReplayStage(4, segments, goes_on=True), Budget())
     np.testing.assert_allclose(ended.unit, right_unit(loop), atol=2e-3)  # .9 % of the mass
     left = ended.noise / [5e-4, 5e-3, 5e-4, 5e-4]
     assert left.max() < 1.1, "no more than the noise"
@@ -236,7 +238,7 @@ def test_bases_are_what_carries_measured_joints_and_is_not_measured(
 def test_how_late_readings_are_does_not_move_a_base(loop, driven):
     """What was read moves with its speed; a base's speed at the first row is no change of it."""
     late, readings = loop.with_lateness(), driven[0]
-    unit = np.append(right_unit(loop), Lateness.unit(0.3))
+    unit = np.append(right_unit(loop), late_unit(0.3))
     on_time = loop.states_of(readings, right_unit(loop), np.zeros(4)).states
     states, drift = (late.states_of(readings, unit, np.zeros(4))[i] for i in (1, 3))
     its = loop.measured.bases.parts

@@ -8,6 +8,7 @@ from simtune.api.commands import load_task
 from simtune.fit import Readings, replay_whole
 from simtune.fit.readings.closed_loops import ClosedLoops
 from simtune.fit.readings.loop_setup import set_up_loop
+from simtune.fit.readings.segments import Segments
 from simtune.observation import ObservationModel
 from simtune.tasks import Task
 
@@ -216,6 +217,6 @@ def test_a_replay_goes_on_as_the_real_linkage_does():
     readings = Readings(actions[None], angles[None, :, None])
     replayed = replay_whole(loop, readings, unit, np.zeros(1))
     np.testing.assert_allclose(replayed[0, :, 0], angles, atol=1e-3)
-    middle = loop.cut(readings, unit, np.zeros(1), 8).of(np.arange(5) == 2)
+    middle = loop.cut(readings, unit, segments=Segments.evenly(readings, 8)).of(np.arange(5) == 2)
     played, _ = loop.play(middle, middle.states[None], unit[None])
     np.testing.assert_allclose(played[0], middle.values, atol=5e-3)

@@ -8,7 +8,7 @@ from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tasks import load_task
-from simtune.tuning.range_update import RangeUpdateConfig, read_curves
+from simtune.tuning.range_update import read_curves
 from simtune.tuning.survival_curves import candidate_grid, with_fit
 
 MIDDLE = np.full(7, 0.5)  # of unit coordinates
@@ -169,7 +169,7 @@ def test_parameter_without_information_stays_unknown():
     first = Distribution.first(space, space.nominal)
     flat = np.tile((1 - candidate_grid()).clip(0, 1), (2, 1))
     in_range = std / (space.to_unit(first.high) - space.to_unit(first.low))
-    curves = with_fit(flat, np.full(2, 0.5), in_range, RangeUpdateConfig().posterior_net_weight)
+    curves = with_fit(flat, np.full(2, 0.5), in_range)
     estimate = read_curves(curves, first, first)
     assert estimate.verdict == ["identified", "not identifiable"]
     assert estimate.low[1] <= first.low[1]

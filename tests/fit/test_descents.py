@@ -95,7 +95,7 @@ def test_motors_run_where_a_segment_begins_as_the_lag_that_is_found_has_it(tmp_p
     """As the first guess of a lag has it, the descent would end next to that."""
     method, readings, unit = flown(tmp_path)
     parts = Segments(np.repeat(np.arange(4), 4), np.tile([0, 10, 20, 30], 4), np.full(16, 10))
-    stage = ReplayStage(15, segments=parts)
+    stage = ReplayStage(15, parts, goes_on=True)
     first, other = (
         method.descend(readings, Guess(unit + np.array([0, 0, off]), np.zeros(3)), stage, Budget())
         for off in (0.0, away)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from simtune.fit import FitConfig, FitWork, Observed, Physics
-from simtune.fit.motion.particles import ParticleConfig
 from simtune.fit.motion.shooting import Shooting, ShootingFit
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.fit.pictures.picture_fit import Pictures, fit_pictures
@@ -249,8 +248,8 @@ def test_fit_to_budget_counts_particles_and_windows(simulator, monkeypatch):
         SPACE.nominal[None], np.zeros((1, 1, 1)), np.random.default_rng(0)
     )
     physics = TimedPhysics(simulator, lambda batch: batch.qpos.copy(), rollouts.states[0, 0])
-    particles, shooting = ParticleConfig(num=10_000), ShootingConfig(num_windows=10_000)
-    config, seconds = FitConfig(particles=particles, shooting=shooting), 1000.0
+    shooting = ShootingConfig(num_windows=10_000)
+    config, seconds = FitConfig(num_particles=10_000, shooting=shooting), 1000.0
     work = FitWork(1000, 2 * 2, 2)  # two joints' positions and velocities, a mass and a gain
     size = fit_to_budget(config, physics, SPACE.nominal, work, seconds)
     # Every window once as it is, by the state, and by the parameters up and down.
@@ -261,16 +260,16 @@ def test_fit_to_budget_counts_particles_and_windows(simulator, monkeypatch):
     particles_s, windows_s = 1e-3 * 1000 * 10_000, num_windows * window_s
     needed_s = particles_s + windows_s
     # Particles take the larger share of the two: seconds / needed_s
-    assert size.particles.num == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)
+    assert size.num_particles == pytest.approx(10_000 * seconds / needed_s, rel=1e-3)
     assert size.shooting.num_windows == 20
     assert size.shooting.stages == shooting.stages
     # Where particles are cheap they take up to a quarter of the time, and windows the rest.
-    cheap = replace(config, particles=ParticleConfig(num=100))  # 1 s each
+    cheap = replace(config, num_particles=100)  # 1 s each
     derived = 1 + 2 * 2 + 2 * 20
     all_s = 84e-3 * (2 * shooting.steps_per_window(derived) + shooting.steps_of_longer(derived))
     half_s = (100 + all_s) / 2
     size = fit_to_budget(cheap, physics, SPACE.nominal, work._replace(num_fitted=20), half_s)
-    assert size.particles.num == int(half_s / 4) > 60
+    assert size.num_particles == int(half_s / 4) > 60
     windows = 84 * (half_s - half_s / 4) / all_s  # of the 84 that there are
     assert size.shooting.num_windows == pytest.approx(windows, abs=1)
     ample = fit_to_budget(config, physics, SPACE.nominal, work, 2 * needed_s)
@@ -278,7 +277,7 @@ def test_fit_to_budget_counts_particles_and_windows(simulator, monkeypatch):
     assert fit_to_budget(config, physics, SPACE.nominal, work, math.inf) == config
     # As few as tell enough, unless those take too long with all that is not counted, twice that
     few = config.at_most(0, 0)
-    few_s = 1e-3 * 1000 * few.particles.num
+    few_s = 1e-3 * 1000 * few.num_particles
     few_s += few.shooting.num_windows * window_s
     in_time = int(0.25 * 1.999 * few_s / 2)  # particles, of 1 s each
     for at_most_s, its in ((2.001 * few_s, few), (1.999 * few_s, config.least(in_time))):

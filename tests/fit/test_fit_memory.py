@@ -11,7 +11,7 @@ from late_actuators import delay
 from servo import cartpole_with_servo
 
 from simtune.fit import Observed, Physics
-from simtune.fit.motion.particles import ParticleConfig, Particles
+from simtune.fit.motion.particles import Particles
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.parameters import Parameter, ParameterSpace
@@ -28,7 +28,7 @@ STEPS = 96
 @pytest.fixture(autouse=True)
 def _nothing_is_drawn(monkeypatch):
     """Renderers take half a second to make."""
-    monkeypatch.setattr("simtune.simulation.filming.make_renderer", lambda *_: None)
+    monkeypatch.setattr("simtune.simulation.rendering.renderers.make_renderer", lambda *_: None)
 
 
 def late_cartpole() -> Task:
@@ -139,9 +139,9 @@ def test_fit_recovers_delay_and_gain_from_windows_inside_episodes(name):
     found = space.from_unit(fit.unit)
     np.testing.assert_allclose(found, truth, rtol=0.03)
 
-    particles = Particles(physics, SPREAD, fitted, ParticleConfig(num=128))
+    particles = Particles(physics, SPREAD, fitted, 128)
     unit = space.to_unit(start)
     followed = particles.follow(detected(rollouts), rough, unit, np.full(len(unit), 0.1))
     error = np.abs(physics.space.difference(followed.states, states)).mean((0, 1))
-    # Without any memory .2 to .5; segments begin as the first guess at a lag has filters follow.
+    # Without any memory .2 to .5; steps begin as the first guess at a lag has filters follow.
     assert (error[:2] < SPREAD[:2] * (1.6 if name == "lag" else 1.1)).all()

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from simtune.budget import Budget, OutOfTime
+from simtune.budget import NO_LIMIT, Budget, OutOfTime
 from simtune.fit import Observed, Physics, PointEstimate
 from simtune.fit.motion.linearization import LinearizationPoint, WindowPlayer
 from simtune.fit.motion.shooting import ShootingFit
@@ -16,7 +16,7 @@ from simtune.fit.motion.windows import Windows
 from simtune.fit.physics import _DIVERGED_READING, is_lost
 from simtune.observation import AllEvidence
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.simulation import Drawing, Scene, Simulator
+from simtune.simulation import PictureSettings, Scene, Simulator
 from simtune.tasks import load_task
 
 SPACE = load_task("cartpole").parameters
@@ -92,7 +92,7 @@ def test_a_world_is_lost_where_its_physics_stopped_at_huge_numbers(per_step):
     )  # fmt: skip
     space, model = ParameterSpace([gain]), mujoco.MjModel.from_xml_string(STIFF)
     scene = Scene(model=model, space=space, step_s=0.05, initialize=lambda batch, rng: None)
-    simulator = Simulator(scene, Drawing(image_size=1))
+    simulator = Simulator(scene, PictureSettings(image_size=1))
     begun = simulator.begin(np.array([[100.0]]), np.random.default_rng(0)).states[0, 0]
     physics = Physics(simulator, lambda batch: batch.qpos.copy(), begun)
     units = space.to_unit(np.array([[100.0], [600.0], [1e5]]))
@@ -132,8 +132,8 @@ def fit_motion(truth: np.ndarray, std: float, left: float, moved: float | None =
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), std))
     shooting = Contraction(truth, left, moved)
     nothing = Observed(AllEvidence(()), np.zeros((1, 4, 1)))
-    states, until_s = np.zeros((1, 5, 4)), None if moved is None else np.inf
-    return fit_from_two_sides(shooting, SPACE, nothing, states, start, until_s)[:2]  # pyright: ignore
+    states, longer_within = np.zeros((1, 5, 4)), None if moved is None else NO_LIMIT
+    return fit_from_two_sides(shooting, SPACE, nothing, states, start, longer_within)[:2]  # pyright: ignore
 
 
 def test_what_a_fit_claims_grows_with_how_far_it_had_to_go_and_outlives_a_longer_horizon():

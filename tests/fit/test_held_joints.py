@@ -114,7 +114,7 @@ REMEMBERED = {
 def test_a_replay_from_the_middle_has_what_actuators_remember_of_the_motion(
     folder, load, monkeypatch, what
 ):
-    monkeypatch.setattr("simtune.simulation.filming.make_renderer", lambda *_: None)
+    monkeypatch.setattr("simtune.simulation.rendering.renderers.make_renderer", lambda *_: None)
     (folder / "scene.xml").write_text(REMEMBERS.replace("ACTUATOR", REMEMBERED[what]))
     task = load(DAMPING)
     simulator, unit = (

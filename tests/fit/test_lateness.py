@@ -19,6 +19,7 @@ from test_fit import (  # noqa: F401
 from simtune.before_after.videos import film_from
 from simtune.fit import Lateness, Physics, states_in_late_pictures
 from simtune.fit.fit_warnings import delay_warnings
+from simtune.fit.lateness import late_unit, steps_late, steps_late_and_std
 from simtune.fit.motion.shooting import Shooting
 from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.observation import AllEvidence, JointReadings, ObservationModel
@@ -73,7 +74,7 @@ def test_what_moves_by_a_parabola_is_seen_exactly_where_it_was(steps, shares):
     t = np.append((np.arange(count - 1.0)[:, None] + shares[:-1]).ravel(), count - 1)
     power = min(2, len(shares) - 1)  # straight, where there is nothing between steps
     there = np.stack([3 + 2 * t - t**power, t**3], -1)
-    unit = np.full((1, 1, 1), Lateness.unit(steps))
+    unit = np.full((1, 1, 1), late_unit(steps))
     seen = lateness.seen(there[None, None], unit)[0, 0]
     late = np.arange(count) - steps
     np.testing.assert_allclose(seen[:, 0], 3 + 2 * late - late**power, atol=1e-12)
@@ -83,10 +84,10 @@ def test_what_moves_by_a_parabola_is_seen_exactly_where_it_was(steps, shares):
 
 
 def test_steps_and_unit_coordinates_are_inverse():
-    assert Lateness.steps(np.array(Lateness.unit(0.3))) == pytest.approx(0.3)
-    assert Lateness.unit(0.0) == 0.5
-    assert Lateness.found(np.array([0.5]), np.array([[0.04]])) == pytest.approx((0.0, 0.3))
-    assert Lateness.found(np.zeros(0), np.zeros((0, 0))) == (0.0, 0.0)
+    assert steps_late(np.array(late_unit(0.3))) == pytest.approx(0.3)
+    assert late_unit(0.0) == 0.5
+    assert steps_late_and_std(np.array([0.5]), np.array([[0.04]])) == pytest.approx((0.0, 0.3))
+    assert steps_late_and_std(np.zeros(0), np.zeros((0, 0))) == (0.0, 0.0)
 
 
 def test_a_fit_predicts_where_a_late_film_has_things(played, substeps):  # noqa: F811
@@ -96,7 +97,7 @@ def test_a_fit_predicts_where_a_late_film_has_things(played, substeps):  # noqa:
     np.testing.assert_allclose(lateness.shares, [0, 0.25, 0.5, 0.75, 1])
     quarters = substeps.observed[:, :: SUBSTEPS // 4]
     for substep in (-3, -1, 1, 3):
-        seen = lateness.seen(quarters, np.full((3, 1), Lateness.unit(substep / SUBSTEPS)))[:, 1:-1]
+        seen = lateness.seen(quarters, np.full((3, 1), late_unit(substep / SUBSTEPS)))[:, 1:-1]
         there = substeps.observed[:, SUBSTEPS - substep :: SUBSTEPS][:, : seen.shape[1]]
         # All but where the cart bumps into an end of its rail
         off, on_time = (

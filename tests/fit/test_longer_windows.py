@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from keypoint_evidence import observed_keypoints
 
+from simtune.budget import Budget
 from simtune.fit import Observed, Physics
 from simtune.fit.motion.shooting import Shooting, ShootingFit
 from simtune.fit.motion.shooting_config import ShootingConfig
@@ -124,10 +125,10 @@ def test_no_second_longer_windows_are_begun_that_would_not_end_in_time(pendulum,
         return cut(self, observed, states, unit, steps)
 
     monkeypatch.setattr(Shooting, "_cut", cut_in_ten_seconds)
-    monkeypatch.setattr("simtune.fit.motion.shooting.time.monotonic", lambda: now_s[0])
+    monkeypatch.setattr("time.monotonic", lambda: now_s[0])
     # Nothing is known well enough
     monkeypatch.setattr("simtune.fit.motion.shooting._WELL_KNOWN_STD", 0.0)
-    swings.shooting.extend_horizon(*arguments, short, until_s=now_s[0] + 19)
+    swings.shooting.extend_horizon(*arguments, short, budget=Budget(19))
     assert begun == [24]
-    swings.shooting.extend_horizon(*arguments, short, until_s=now_s[0] + 21)
+    swings.shooting.extend_horizon(*arguments, short, budget=Budget(21))
     assert begun == [24, 24, 96]

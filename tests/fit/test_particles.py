@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from simtune.fit import Observed, Physics
-from simtune.fit.motion.particles import ParticleConfig, Particles
+from simtune.fit.motion.particles import Particles
 from simtune.observation import AllEvidence
 from simtune.randomization import Distribution
 from simtune.simulation import StateSpace, random_actions
@@ -40,10 +40,10 @@ def scene():
     return simulator, keypoints, truth, rollouts, Observed(AllEvidence((tracks,)), rollouts.actions)
 
 
-def particles(scene, **config) -> Particles:
+def particles(scene, num: int = 128) -> Particles:
     simulator, keypoints, _, rollouts, _ = scene
     physics = Physics(simulator, keypoints.observe, rollouts.states[0, 0])
-    return Particles(physics, SPREAD, MOVING, ParticleConfig(**{"num": 128, **config}))
+    return Particles(physics, SPREAD, MOVING, num)
 
 
 def first_steps(observed: Observed, steps: int) -> Observed:
@@ -79,18 +79,6 @@ def test_particles_are_repeatable(scene):
     np.testing.assert_array_equal(one.states, other.states)
     assert one.states.shape == (2, 9, 4)
     assert one.unit.shape == (2, len(MOVING))
-
-
-@pytest.mark.parametrize("steps", [1, 3, 8])
-def test_path_has_every_step_however_often_particles_are_chosen(scene, steps):
-    _, _, truth, rollouts, observed = scene
-    followed = particles(scene, num=8, steps=steps).follow(
-        first_steps(observed, 8),
-        rollouts.states[:, :9, 1:5],
-        SPACE.to_unit(truth),
-        np.zeros(len(SPACE)),
-    )
-    assert followed.states.shape == (2, 9, 4)
 
 
 @dataclass(frozen=True)
@@ -134,7 +122,7 @@ class StillPhysics:
 
 def follow_still(scene, measured: np.ndarray, std: float, prior_std: float, num: int):
     physics = StillPhysics(scene[0].model)
-    followed = Particles(physics, SPREAD, np.arange(1), ParticleConfig(num=num))
+    followed = Particles(physics, SPREAD, np.arange(1), num)
     num_episodes, frames = measured.shape
     observed = Observed(
         AllEvidence((Readings(measured, std),)), np.zeros((num_episodes, frames - 1, 1))

@@ -1,7 +1,7 @@
 """How joint readings are fitted: derivatives of many unknowns at once, and horizons that grow."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +12,8 @@ from servo_arm import write_arm
 from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import build_experiment
-from simtune.fit import Guess, Lateness, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit import Guess, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit.lateness import late_unit, steps_late
 from simtune.fit.readings.differences import DifferencePoint, differentiate, refresh
 from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.segments import Segments
@@ -52,8 +53,8 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 
 
 def test_derivatives_of_many_unknowns_at_once_are_those_one_by_one(arm: SimpleNamespace):
-    noise, zero = np.full(2, 0.002), np.zeros(2)
-    stretches = arm.loop.cut(arm.readings, arm.truth, zero, 20, 4)
+    noise = np.full(2, 0.002)
+    stretches = arm.loop.cut(arm.readings, arm.truth, segments=Segments.evenly(arm.readings, 20, 4))
     there = DifferencePoint(
         stretches, stretches.states, arm.truth, arm.loop.measured.start_std(noise, stretches)
     )
@@ -89,7 +90,7 @@ def test_readings_that_no_unknown_explains_end_a_fit_without_an_error(arm: Simpl
 def begun_anywhere(arm: SimpleNamespace, values: np.ndarray) -> tuple:
     """What `OpenLoopReplay.play` takes: three worlds of each whole episode, with initial states."""
     readings, rng = Readings(arm.readings.actions, values), np.random.default_rng(0)
-    stretches = arm.loop.cut(readings, arm.start, np.zeros(2), 60, 9)
+    stretches = arm.loop.cut(readings, arm.start, segments=Segments.evenly(readings, 60, 9))
     units = np.append(arm.truth, 0.6) + rng.uniform(-0.02, 0.02, (3, 5))
     moved = rng.normal(size=(3, 2, arm.loop.physics.space.num_tangent))
     states = np.repeat(stretches.states[None], 3, 0)
@@ -131,7 +132,7 @@ def test_what_a_short_episode_is_padded_with_is_neither_played_nor_counted(arm, 
     np.testing.assert_array_equal(found[:, 1, :15], whole[:, 1, :15])
     np.testing.assert_array_equal(found[:, 1, 16:], found[:, 1, 15:-1])
     noise, measured = np.full(2, 0.002), arm.loop.measured
-    second = arm.loop.cut(replace(arm.readings, values=values), arm.truth, np.zeros(2)).of([1])
+    second = arm.loop.cut(replace(arm.readings, values=values), arm.truth).of([1])
     padded, short = (measured.start_std(noise, second.first(steps)) for steps in (60, 14))
     np.testing.assert_allclose(padded, short, rtol=1e-12)
 
@@ -216,6 +217,16 @@ def test_horizons_of_equal_steps_may_differ_in_stretches(arm: SimpleNamespace):
     assert np.isfinite(ended[0].log_rms)
 
 
+@dataclass(frozen=True)
+class Delayed(Readings):
+    """That tell by how many steps."""
+
+    late: int = 0
+
+    def delayed(self, steps: int) -> "Delayed":
+        return replace(self, late=steps)
+
+
 class OneStepLate:
     """Fits that find a delay of a step, but for what a lateness cannot reach."""
 
@@ -225,9 +236,9 @@ class OneStepLate:
         self.begun: list[tuple[int, float]] = []  # steps of actions, lateness in steps
 
     def descend(self, readings, begin, stage, budget, near=None) -> Any:
-        self.begun.append((readings.late, float(Lateness.steps(begin.unit[-1]))))
+        self.begun.append((readings.late, float(steps_late(begin.unit[-1]))))
         late = np.clip(1.0 - readings.late, -0.75, 0.75)
-        unit = np.append(begin.unit[:-1], Lateness.unit(late))
+        unit = np.append(begin.unit[:-1], late_unit(late))
         # What is left of the delay hardly counts: the servos' damping takes its place.
         log_rms = 0.04 * abs(1.0 - readings.late - late)
         ended = {"guess": Guess(unit, begin.offsets), "is_cut_off": budget.is_over}
@@ -236,15 +247,14 @@ class OneStepLate:
 
 def test_a_delay_of_a_step_is_not_left_to_a_lateness_that_ends_before():
     fit = OneStepLate()
-    readings = SimpleNamespace(values=np.zeros((1, 40, 1)), late=0)
-    readings.delayed = lambda steps: SimpleNamespace(late=steps)
+    readings = Delayed(np.zeros((1, 39, 1)), np.zeros((1, 40, 1)))
     ends = (np.zeros(2), np.array([1.0, 0.0]))
     horizons = Horizons(growing=(Horizon(0.4, 1, 24),))
     fits = ReadingsDescents(fit, readings, 0.05, ends, horizons, 0)  # type: ignore[arg-type]
-    first = Guess(np.array([0.5, Lateness.unit(0.0)]), np.zeros(1))
+    first = Guess(np.array([0.5, late_unit(0.0)]), np.zeros(1))
     guess, latency = fits.find_latency(first, Budget())
     assert latency == (1, True)
-    assert Lateness.steps(guess.unit[-1]) == pytest.approx(-0.25)
+    assert steps_late(guess.unit[-1]) == pytest.approx(-0.25)
     # Each number of steps begins with the whole delay as it was
     (late, lateness), *_ = (begun for begun in fit.begun if begun[0] == 1)
     assert late + lateness == pytest.approx(0.75)
@@ -270,11 +280,10 @@ class Slow(OneStepLate):
 
 
 def test_a_search_for_a_delay_that_time_cut_off_does_not_know_it():
-    readings = SimpleNamespace(values=np.zeros((1, 40, 1)), late=0)
-    readings.delayed = lambda steps: SimpleNamespace(late=steps)
+    readings = Delayed(np.zeros((1, 39, 1)), np.zeros((1, 40, 1)))
     ends, horizons = (np.zeros(2), np.array([1.0, 0.0])), Horizons(growing=(Horizon(0.4, 1, 24),))
     fits = ReadingsDescents(Slow(), readings, 0.05, ends, horizons, 0)  # type: ignore[arg-type]
-    first = Guess(np.array([0.5, Lateness.unit(0.0)]), np.zeros(1))
+    first = Guess(np.array([0.5, late_unit(0.0)]), np.zeros(1))
     assert fits.find_latency(first, Hurry(10.0))[1] == (1, False)
 
 
@@ -301,7 +310,7 @@ class Rough:
 
     def __init__(self, agreeing_steps: int | None, sensor: JointSensor):
         self.sensors, self.rng, self._steps = (sensor,), np.random.default_rng(0), agreeing_steps
-        self.stages: list[int | None] = []  # steps of each
+        self.stages: list[int | None] = []  # steps of each; None: of whole episodes
 
     def follow(self, readings: Readings, guess: Guess) -> Segments:
         return Segments.evenly(readings)
@@ -309,8 +318,9 @@ class Rough:
     followed = follow
 
     def descend(self, readings, begin, stage, budget, near=None) -> Any:
-        self.stages.append(stage.steps)
-        log_rms = 0.0 if stage.steps == self._steps else float(self.rng.uniform(1, 9))
+        self.stages.append(None if stage.goes_on else stage.segments.steps[0])
+        is_alike = self.stages[-1] == self._steps
+        log_rms = 0.0 if is_alike else float(self.rng.uniform(1, 9))
         noise = np.full(1, 0.001)
         its = {"unit": begin.unit, "begun": begin.unit, "guess": begin}
         return SimpleNamespace(**its, log_rms=log_rms, noise=noise, is_cut_off=False)
@@ -366,10 +376,9 @@ def test_of_segments_that_lead_to_each_other_the_first_are_kept():
     fit = Swinging(None, None)  # type: ignore[arg-type]
     readings = Readings(np.zeros((1, 99, 1)), np.zeros((1, 100, 1)))
     guess = Guess(np.full(3, 0.5), np.zeros(1))
-    _, stage, _ = whole_fits(fit, readings)._first_whole(readings, guess, Budget())
+    _, segments, _ = whole_fits(fit, readings)._first_whole(readings, guess, Budget())
     assert len(fit.stages) == 2
-    assert stage.segments is not None
-    assert stage.segments.steps.tolist() == [99]
+    assert segments.steps.tolist() == [99]
 
 
 class Late(Rough):
@@ -380,7 +389,7 @@ class Late(Rough):
     def descend(self, readings, begin, stage, budget, near=None) -> Any:
         steps = 10 - np.flatnonzero(readings.values[0, :, 0] == 1)[0]
         lateness = np.clip(self.late - steps, -0.75, 0.75)
-        unit = np.append(begin.unit[:-1], Lateness.unit(lateness))
+        unit = np.append(begin.unit[:-1], late_unit(lateness))
         left, guess = abs(self.late - steps - lateness), begin._replace(unit=unit)
         its = {"unit": unit, "begun": begin.unit, "guess": guess, "noise": np.ones(1)}
         return SimpleNamespace(**its, log_rms=left, is_cut_off=False)

@@ -17,6 +17,7 @@ from simtune.fit import (
 )
 from simtune.fit.readings import recorded_loop as recorded_loop_
 from simtune.fit.readings.loop_setup import set_up_loop
+from simtune.fit.readings.segments import Segments
 from simtune.real.observed import observed
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
@@ -133,7 +134,8 @@ def test_moments_that_follow_from_what_acted_before_are_left_out(tmp_path: Path,
         followed = method.follow(readings, guess)
         assert followed.begin.min() >= first
         assert followed.steps.sum() > 150 - first - 16  # nearly all of the rest
-        ended = method.descend(readings, guess, ReplayStage(1, 8), Budget())
+        stage = ReplayStage(1, Segments.evenly(readings, 8))
+        ended = method.descend(readings, guess, stage, Budget())
         assert first <= ended.objective.stretches.begin.min() < first + 8
         assert loop.unsettled_rows == first
 

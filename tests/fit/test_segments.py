@@ -6,8 +6,8 @@ from test_fit import SPACE, simulator  # noqa: F401
 from test_joint_readings import sensor_of
 
 from simtune.fit.readings.loop_setup import set_up_loop
+from simtune.fit.readings.readings import Readings
 from simtune.fit.readings.segments import Segments, may_begin
-from simtune.fit.readings.stretches import Readings
 from simtune.observation import ObservationModel
 
 
@@ -47,7 +47,7 @@ def test_where_a_joint_is_not_read_its_first_state_is_less_sure(simulator, first
     seen = ObservationModel.of_simulator((sensor,))
     loop = set_up_loop(simulator, seen, SPACE.nominal)
     readings = readings_of(10, 10, first=first)
-    stretches = loop.cut_at(
+    stretches = loop.cut(
         readings,
         SPACE.to_unit(SPACE.nominal),
         np.zeros(2),

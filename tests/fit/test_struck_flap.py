@@ -8,10 +8,9 @@ from simtune.budget import Budget
 from simtune.config import TuneConfig
 from simtune.experiment.experiment import Experiment, build_experiment
 from simtune.fit import Readings
-from simtune.fit.readings.growth import MUCH, follow, follow_within, growth
+from simtune.fit.readings.growth import MUCH, follow, growth
 from simtune.fit.readings.loop_setup import set_up_loop
-from simtune.fit.readings.segments import Segments
-from simtune.fit.readings.stretches import Stretches
+from simtune.fit.readings.segments import Segments, Stretches
 from simtune.simulation import Simulator
 
 KP, KV = 18.0, 0.7
@@ -95,14 +94,14 @@ def test_what_is_followed_stays_near_what_was_read(experiment: Experiment):
 
     read = loop.states_of(readings, unit, zero)
     whole = read.cut(Segments.evenly(readings))
-    assert growth(loop, whole, unit).max() > 3 * MUCH
+    assert growth(loop, whole, unit)[0].max() > 3 * MUCH
     assert left(whole).max() > 0.5
-    few, share = follow_within(Budget(1e-9), loop, read, unit)
+    few, share = follow(loop, read, unit, Budget(1e-9))
     assert 0 < share < 1
-    segments = follow(loop, read, unit)
+    segments, _ = follow(loop, read, unit)
     assert few.steps.sum() < segments.steps.sum()
     parts = read.cut(segments)
-    assert growth(loop, parts, unit).max() < 2 * MUCH
+    assert growth(loop, parts, unit)[0].max() < 2 * MUCH
     assert left(parts).max() < 0.1
     assert segments.steps.sum() > 0.9 * readings.actions.shape[1] * len(readings.actions)
 

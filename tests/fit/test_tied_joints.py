@@ -10,7 +10,7 @@ from simtune.api.commands import load_task as load_declared
 from simtune.fit import OpenLoopReplay, Readings, replay_whole
 from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.loop_setup import set_up_loop
-from simtune.fit.readings.stretches import Stretches
+from simtune.fit.readings.segments import Segments, Stretches
 from simtune.fit.readings.tied_joints import follow_measured
 from simtune.observation import ObservationModel
 from simtune.tasks import load_task
@@ -120,7 +120,7 @@ objects = "left"
 def stretches_of(loop: OpenLoopReplay, unit: np.ndarray) -> Stretches:
     """Of one episode of 8 steps, in which the gripper is open."""
     held = Readings(np.full((1, 8, 1), OPEN), np.full((1, 9, 1), OPEN))
-    return loop.cut(held, unit, np.zeros(1), 8, 1)
+    return loop.cut(held, unit, segments=Segments.evenly(held, 8, 1))
 
 
 def test_an_open_gripper_stays_open_in_a_replay(read):
@@ -189,7 +189,7 @@ def test_a_world_begins_as_its_own_tie_says(parameter, truth):
     loop = set_up_loop(simulator, observation, task.parameters.nominal)
     units = task.parameters.to_unit(np.array([task.parameters.nominal, [truth]]))
     readings = Readings(actions[None, :, None], angles[None, :, :1])
-    some = loop.cut(readings, units[1], np.zeros(1), 8)
+    some = loop.cut(readings, units[1], segments=Segments.evenly(readings, 8))
     np.testing.assert_allclose(some.states[2, :2], angles[16], atol=5e-3)  # ties are soft
     played, first = loop.play(some, np.repeat(some.states[None], 2, 0), units)
     as_nominal = loop.physics.states(first)[0, 2, 1]

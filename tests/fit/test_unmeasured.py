@@ -114,7 +114,7 @@ def test_segments_of_no_steps_lead_on_without_being_compared(pushed):
     loop, readings, block = pushed
     unit = unit_of(loop)
     segments = Segments(np.zeros(2, int), np.array([0, 35]), np.array([0, 10]))
-    parts = loop.states_of(readings, unit, np.zeros(1)).cut(segments, goes_on=True)
+    parts = loop.states_of(readings, unit).cut(segments, goes_on=True)
     assert np.isfinite(parts.values).sum((1, 2)).tolist() == [0, 11]
     assert parts.actions.shape[1] == 35
     predicted, begun = loop.play(parts, parts.states[None], unit[None])
@@ -127,7 +127,7 @@ def test_a_start_is_told_only_where_an_episode_begins(pushed):
     method = OutputErrorMethod(loop, np.zeros(1, bool), unit_of(loop))
     for begin in (0, 20):
         segments = Segments(np.zeros(1, int), np.array([begin]), np.array([20]))
-        stage, guess = ReplayStage(1, segments=segments), Guess(unit_of(loop), np.zeros(1))
+        stage, guess = ReplayStage(1, segments, goes_on=True), Guess(unit_of(loop), np.zeros(1))
         ended = method.descend(readings, guess, stage, Budget())
         assert (method.judge(ended, Budget()).start is None) == (begin > 0)
 
@@ -146,10 +146,10 @@ def test_stretches_begin_with_the_velocity_that_is_read(pushed, tmp_path):
     loop = loop_of(tmp_path, SCENE, TUNE.replace("noise = 0.001", sensor))
     assert loop.measured.goes_on.tolist() == [True, True, False, True]
     unit, read = unit_of(loop, 40.0), replace(readings, values=speed[None, :, None])
-    parts = loop.cut(read, unit, np.zeros(1), 10)
+    parts = loop.cut(read, unit, segments=Segments.evenly(read, 10))
     np.testing.assert_array_equal(parts.states[:, 2], speed[::10][:-1])
     np.testing.assert_allclose(parts.states[:, 0], at[::10][:-1], atol=0.04)
-    followed = loop.cut_at(read, unit, np.zeros(1), Segments.evenly(read, 10), goes_on=True)
+    followed = loop.cut(read, unit, 0.0, Segments.evenly(read, 10), goes_on=True)
     predicted, _ = loop.play(followed, followed.states[None], unit[None])
     np.testing.assert_allclose(predicted[0, :, 0, 0], speed[::10][:-1])
 
@@ -166,7 +166,7 @@ def test_only_what_touches_is_derived_from_both_sides(pushed, monkeypatch):
     monkeypatch.setattr(OpenLoopReplay, "play", counted)
     for begin, touches in ((0, False), (10, True)):
         segments = Segments(np.zeros(1, int), np.array([begin]), np.array([8]))
-        parts = loop.cut_at(readings, unit, zero, segments)
+        parts = loop.cut(readings, unit, zero, segments)
         assert loop.touches(parts, unit) == touches
         at = DifferencePoint(parts, parts.states, unit, np.full(2, 0.001), touches)
         differentiate(loop, at, one_sided=True)
@@ -206,7 +206,7 @@ def test_stretches_begin_with_what_is_read_behind_a_backlash(pushed, tmp_path, q
         readings = replace(readings, values=np.gradient(readings.values, 0.04, axis=1))
     for goes_on in (False, True):
         segments = Segments.evenly(readings, 15)
-        parts = loop.cut_at(readings, unit, np.zeros(1), segments, goes_on)
+        parts = loop.cut(readings, unit, 0.0, segments, goes_on)
         predicted, _ = loop.play(parts, parts.states[None], unit[None])
         np.testing.assert_allclose(predicted[0, :, 0], parts.values[:, 0], atol=1e-9)
 
@@ -232,7 +232,7 @@ def test_a_flywheel_that_turns_far_has_derivatives(tmp_path):
     actions = np.full((1, 1500, 1), 0.1)
     rest = Readings(actions, np.zeros((1, 1501, 1)))
     unit = loop.physics.parameters.to_unit(np.array([1e-4]))
-    whole = loop.cut(rest, unit, np.zeros(1))
+    whole = loop.cut(rest, unit)
     std = np.ones(len(loop.measured.start_tangents))
     slopes = differentiate(loop, DifferencePoint(whole, whole.states, unit, std))
     assert not slopes.by_parameter.any(), "what was read hardly moved"

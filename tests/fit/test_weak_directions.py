@@ -62,7 +62,8 @@ def fitted(
 def std_of(folder: Path, tune: str, scene: str = SCENE) -> np.ndarray:
     """(P,) what a fit from the truth claims, in unit coordinates."""
     method, readings, unit = fitted(folder, tune, scene)
-    stage = ReplayStage(4, segments=method.follow(readings, Guess(unit, np.zeros(1))))
+    segments = method.follow(readings, Guess(unit, np.zeros(1)))
+    stage = ReplayStage(4, segments, goes_on=True)
     ended = method.descend(readings, Guess(unit, np.zeros(1)), stage, Budget())
     return np.sqrt(np.diag(method.judge(ended, Budget()).covariance))
 
@@ -87,7 +88,7 @@ def test_parameters_without_any_effect_take_no_direction_from_others(tmp_path: P
 def test_slopes_are_those_of_weak_directions_and_else_as_they_were(tmp_path: Path):
     method, readings, unit = fitted(tmp_path, TUNE + DAMPING)
     loop = method._loop
-    stretches = loop.cut(readings, unit, np.zeros(1))
+    stretches = loop.cut(readings, unit)
     start_std = loop.measured.start_std(np.full(1, 1e-4), stretches)
     at = DifferencePoint(stretches, stretches.states, unit, start_std)
     slopes = differentiate(loop, at)
@@ -107,7 +108,7 @@ def test_slopes_are_those_of_weak_directions_and_else_as_they_were(tmp_path: Pat
 def test_at_a_bound_a_direction_is_taken_inward(tmp_path: Path, at_bound: float):
     method, readings, unit = fitted(tmp_path, TUNE + DAMPING)
     loop, unit = method._loop, np.full(3, at_bound)
-    stretches = loop.cut(readings, unit, np.zeros(1))
+    stretches = loop.cut(readings, unit)
     start_std = loop.measured.start_std(np.full(1, 1e-4), stretches)
     at = DifferencePoint(stretches, stretches.states, unit, start_std)
     slopes = differentiate(loop, at)

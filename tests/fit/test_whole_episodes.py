@@ -5,7 +5,7 @@ import pytest
 
 from simtune.fit import Readings, replay_whole
 from simtune.fit.readings.loop_setup import set_up_loop
-from simtune.fit.readings.stretches import moving_from_the_start, unread_rows
+from simtune.fit.readings.readings import moving_from_the_start, unread_rows
 from simtune.observation import ObservationModel
 from simtune.tasks import load_task
 

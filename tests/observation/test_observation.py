@@ -1,6 +1,7 @@
-"""What is observed, with a second sensor that only this test knows: a joint's encoder."""
+"""What is observed: pictures, and beside them a sensor of joints."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,10 +10,10 @@ from search_context import CARTPOLE, SIZE, STEPS, context_of
 
 from simtune.budget import Budget
 from simtune.fit import FitConfig, Observed, Physics, PointEstimate, ReplayFit, StateEstimator
-from simtune.fit.motion.particles import ParticleConfig
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
+from simtune.fit.pictures.response import Photometry
 from simtune.networks.training import TrainingClock
-from simtune.observation import AllEvidence, ObservationModel
+from simtune.observation import AllEvidence, JointReadings, JointSensor, ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator, random_actions
@@ -61,26 +62,18 @@ class NormalEvidence:
         return float(np.median(np.abs(predicted - self.readings)))
 
 
-@dataclass(frozen=True)
-class PositionSensor:
-    """A `Sensor`: the positions of all joints, as encoders measure them."""
-
-    size: int = 2
-    std: float = 0.003
-    name: str = "encoder"
-    labels: tuple[str, ...] = ("slider", "hinge_1")
-
-    def observe(self, batch) -> np.ndarray:
-        return np.array(batch.qpos).reshape(batch.nsim, -1)[:, : self.size]
-
-    def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return observed + self.std * rng.normal(size=observed.shape)
-
-    def evidence(self, readings: np.ndarray) -> NormalEvidence:
-        return NormalEvidence(readings, self.std)
-
-
-ENCODER = PositionSensor()
+STD, JOINTS = 0.003, ("slider", "hinge_1")
+POSITIONS: dict[str, Any] = {
+    "name": "encoder",
+    "columns": JOINTS,
+    "joints": JOINTS,
+    "places": np.arange(2),
+    "factor": np.ones(2),
+    "shift": np.zeros(2),
+    "noise": STD,
+    "offset": np.zeros(2),
+}
+ENCODER = JointSensor(**POSITIONS)
 SPACE = ParameterSpace([p for p in CARTPOLE.parameters if not p.is_appearance])
 TRUTH = SPACE.clip(SPACE.nominal * [1.6, 0.7])  # a pole's mass, a motor's gain
 BOTH = ObservationModel.of_simulator(sensors=(ENCODER,))
@@ -158,8 +151,8 @@ def test_recorded_trajectories_have_every_sensors_noisy_readings(simulator):
     recorded = BOTH.record(simulator, rollouts, rng)
     readings = np.stack([trajectory.readings["encoder"] for trajectory in recorded])
     errors = readings - rollouts.states[..., 1:3]
-    assert errors.std() == pytest.approx(ENCODER.std, rel=0.1)
-    assert abs(errors.mean()) < 0.2 * ENCODER.std
+    assert errors.std() == pytest.approx(STD, rel=0.1)
+    assert abs(errors.mean()) < 0.2 * STD
     np.testing.assert_array_equal(recorded[3].frames, simulator.film(rollouts)[3])
     assert recorded[3].first(10).readings["encoder"].shape == (11, 2)
     assert CAMERA_ONLY.readings(rollouts.observed[..., :0], rng) == {}
@@ -169,6 +162,13 @@ def test_recorded_trajectories_have_every_sensors_noisy_readings(simulator):
 
 
 TRUTHS = SPACE.clip(SPACE.nominal * [[1.8, 0.6], [0.6, 1.6]])  # mass, gain
+
+
+def scaled_as(observed: Observed, other: Observed) -> Observed:
+    """With readings on the scale of another's, from which the state estimator has learnt."""
+    like = {part.name: part for part in other.evidence.parts if isinstance(part, JointReadings)}
+    evidence = observed.evidence.with_each(JointReadings, lambda its: its.scaled_as(like[its.name]))
+    return replace(observed, evidence=evidence)
 
 
 def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarray:
@@ -194,8 +194,9 @@ def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarra
     to_learn = play(first.sample(40, rng))
     see_its_own = observation.observe_beside(keypoints.observe)
     physics = Physics(simulator, see_its_own, to_learn.states[0, 0])
+    learnt_from = observed(to_learn)
     estimator = StateEstimator.train(
-        observed(to_learn),
+        learnt_from,
         physics.states(to_learn.states),
         physics.space,
         simulator.action_scale,
@@ -203,20 +204,24 @@ def fit_errors(simulator, keypoints, observation: ObservationModel) -> np.ndarra
         TrainingClock(100),
     )
     config = FitConfig(
-        particles=ParticleConfig(num=48, steps=2),
+        num_particles=48,
         shooting=ShootingConfig(stages=(Stage(4, 3, 3.0), Stage(12, 6)), longer=()),
     )
-    replay_fit, start = ReplayFit(physics, estimator, NOTHING, config), np.full(2, 0.15)
+    nothing_known = Photometry(None, np.full(len(SPACE), np.nan))
+    replay_fit = ReplayFit(
+        physics, estimator, config, discrepancy_std=NOTHING, photometry=nothing_known
+    )
+    start = np.full(2, 0.15)
     errors = []
     for truth in TRUTHS:
         played = play(np.tile(truth, (2, 1)))
-        real = observed(played)
+        real = scaled_as(observed(played), learnt_from)
         fit = replay_fit.fit(real, PointEstimate(SPACE.nominal, start))
         assert fit.sensors == tuple((part.name, part.unit) for part in real.evidence.parts)
         assert len(fit.misfit.motion) == len(fit.sensors)
         begun = physics.states(np.stack([fit.starts, played.states[:, 0]]))[..., :2]
         if observation is BOTH:
-            np.testing.assert_allclose(begun[0], begun[1], atol=4 * ENCODER.std)
+            np.testing.assert_allclose(begun[0], begun[1], atol=4 * STD)
         errors.append(SPACE.to_unit(fit.parameters) - SPACE.to_unit(truth))
     return np.abs(errors)
 
@@ -236,11 +241,11 @@ def test_fit_recovers_mass_and_gain_from_a_sensor_where_keypoints_tell_nothing(
 # --- a whole search -----------------------------------------------------------------------
 
 
-class CountingSensor(PositionSensor):
+class CountingSensor(JointSensor):
     """Remembers the shapes of what it was asked to measure, and of what it made evidence of."""
 
     def __init__(self):
-        super().__init__()
+        super().__init__(**POSITIONS)
         object.__setattr__(self, "measured", [])
         object.__setattr__(self, "explained", [])
 
@@ -248,7 +253,7 @@ class CountingSensor(PositionSensor):
         self.measured.append(observed.shape)
         return super().measure(observed, rng)
 
-    def evidence(self, readings: np.ndarray) -> NormalEvidence:
+    def evidence(self, readings: np.ndarray) -> JointReadings:
         self.explained.append(readings.shape)
         return super().evidence(readings)
 

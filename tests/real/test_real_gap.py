@@ -131,7 +131,7 @@ def test_the_same_seed_films_the_same_and_another_one_something_else(simulator):
 def test_only_the_simulators_own_pictures_look_like_it(simulator):
     for gap in (None, STILL):
         real = PseudoReal(simulator, SPACE.nominal, episode_steps=STEPS, seed=0, gap=gap)
-        assert real.observation.cameras[0].same_renderer is (gap is None)
+        assert real.observation.is_simulated is (gap is None)
 
 
 def test_a_world_behind_a_gap_does_not_give_its_parameters_away(simulator):
@@ -163,7 +163,7 @@ def test_a_gap_without_opengl_is_refused_in_one_line(monkeypatch):
     monkeypatch.setattr("sys.platform", "linux")
     monkeypatch.setattr(opengl, "find_library", lambda name: None)
     # Other tests may have had renderers kept.
-    monkeypatch.setattr("simtune.simulation.filming.make_renderer", make_renderer)
+    monkeypatch.setattr("simtune.simulation.rendering.renderers.make_renderer", make_renderer)
     with pytest.raises(InputError, match="the opengl renderer cannot be used"):
         choose_real(RealConfig(real_gap=True), TASK, SIZE)
 

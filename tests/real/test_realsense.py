@@ -10,8 +10,8 @@ from servo import cartpole_with_servo
 
 from simtune.errors import RobotError
 from simtune.real.robot import RobotReal
-from simtune.real.robot_file import read_robot
 from simtune.robot.realsense import RealSense
+from simtune.robot.robot_file import read_robot
 from simtune.simulation import JointActions
 from simtune.tasks import load_task
 

@@ -31,9 +31,9 @@ from simtune.real import robot
 from simtune.real.choose import choose_real
 from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
-from simtune.real.robot_file import read_robot
 from simtune.recordings import open_dataset
 from simtune.robot.lerobot import LeRobot, make_lerobot
+from simtune.robot.robot_file import read_robot
 from simtune.run import checkpoint
 from simtune.run.files import read_json, write_json
 from simtune.simulation import DirectActions, JointActions

@@ -15,7 +15,7 @@ from lerobot_v21 import DATA, write_v21
 
 from simtune.between_rows import read_between
 from simtune.cameras.footage import Footage
-from simtune.checking.recording_warnings import warnings
+from simtune.checking.recording_warnings import recording_warnings
 from simtune.checking.table import table
 from simtune.errors import InputError
 from simtune.recordings import open_dataset, write_dataset, write_video
@@ -637,7 +637,7 @@ def test_facts_without_pictures_leave_out_what_tells_of_them(tmp_path):
     assert (facts["steps"], facts["fps"]) == (2 * (NUM_ROWS - 1), FPS)
     # Those who read the facts cope.
     task = load_task("cartpole")
-    assert not any("frames" in said for said in warnings(task, facts, actions, 2))
+    assert not any("frames" in said for said in recording_warnings(task, facts, actions, 2))
     result = {"task": "cartpole", "episodes": 2, "steps": 11, "step_s": 0.1, "recordings": facts}
     printed = table(result | {"parameters": {}, "pairs": []})
     assert f"{2 * (NUM_ROWS - 1)} steps, no pictures looked at" in printed[1]

@@ -341,8 +341,8 @@ OSC = {"right": {"type": "OSC_POSE", "gripper": {"type": "GRIP"}}}
         (
             "env_args",
             {"env_kwargs": {"controller_configs": {"type": "OSC_POSE"}}},
-            "env_args names the controller OSC_POSE: such actions are displacements and turns of "
-            "an end effector, for a controller within the robot, not for actuators; log joint torq",
+            "env_args names the controller OSC_POSE: such actions are for a controller within the "
+            "robot, not for actuators; log joint torques (sim.data.ctrl) or joint targets at every",
         ),
         (
             "env_info",  # robosuite 1.5, whose parts have a controller each
@@ -352,7 +352,7 @@ OSC = {"right": {"type": "OSC_POSE", "gripper": {"type": "GRIP"}}}
         (
             "env_args",
             {"env_kwargs": {"controller_configs": [{"type": "JOINT_TORQUE"}, {"type": "IK_POSE"}]}},
-            "env_args names the controller JOINT_TORQUE and IK_POSE: such actions are torques, ",
+            "env_args names the controller JOINT_TORQUE and IK_POSE: such actions are for ",
         ),
         ("env_args", {"env_kwargs": {"controller_configs": {"type": ["?"]}}}, "another robot?"),
         ("env_args", [], "another robot?"),

@@ -16,11 +16,11 @@ from simtune.errors import InputError
 from simtune.experiment import outcome
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.report.read_run import read_finished
 from simtune.run.files import read_json, write_json
+from simtune.run_data import read_finished
 from simtune.tasks import load_task
 from simtune.tuning.joint import Joint
-from simtune.tuning.range_update import RangeUpdateConfig, read_curves
+from simtune.tuning.range_update import read_curves
 from simtune.tuning.survival_curves import candidate_grid, with_fit
 
 SPACE = load_task("finger").parameters
@@ -32,10 +32,7 @@ def a_run(path: Path, mean: np.ndarray, space: ParameterSpace = SPACE, **facts) 
     """The folder of a run that found (N,) `mean`, in coordinates of its first range, to ± STD."""
     first = Distribution.first(space, space.nominal)
     grid = np.repeat(candidate_grid()[None], len(space), 0)
-    config = RangeUpdateConfig()
-    curves = with_fit(
-        np.clip(1 - grid, 0, 1), mean, np.full(len(space), STD), config.posterior_net_weight
-    )
+    curves = with_fit(np.clip(1 - grid, 0, 1), mean, np.full(len(space), STD))
     estimate = read_curves(curves, first, first)
     joint = Joint.of(estimate, space)
     facts = {"task": "finger", "method": "autotune", "search": "posterior", "seed": 0} | facts

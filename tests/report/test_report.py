@@ -22,18 +22,18 @@ from simtune.before_after.moving_parts import MovingParts
 from simtune.before_after.videos import overlay
 from simtune.cli.run_commands import _print_result
 from simtune.errors import InputError
-from simtune.export import summary
+from simtune.export import how_sure
 from simtune.report import write_report
 from simtune.report.joint_plots import _lines, error_plot, reading_plot
 from simtune.report.pair_plots import pair_plot
 from simtune.report.plot import value_axis
 from simtune.report.rank_plots import expected
-from simtune.report.read_run import read_run
 from simtune.report.trust import Pair, mean_error
 from simtune.report.words import diverging
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.files import write_json
 from simtune.run.folder import RunFolder
+from simtune.run_data import read_run
 from simtune.tasks import AnyTask, load_any_task
 from simtune.tuning.search import Event
 
@@ -648,8 +648,8 @@ def test_a_known_colour_is_called_known_not_found(run_path):
     assert row[0] == "cup_g"
     assert row[3:5] == ["–", "known"]  # neither interval nor verdict
     assert re.search(r"cup_g – [\d.]+ [\d.]+ [\d.]+ – – known ", text)
-    assert summary(run_path)[0] == f"{left} of {len(found)} parameters identified"
-    assert "known: cup_r, cup_g, cup_b" in summary(run_path)
+    assert how_sure(run_path)[0] == f"{left} of {len(found)} parameters identified"
+    assert "known: cup_r, cup_g, cup_b" in how_sure(run_path)
     wide = {"interval_share": 0.3, "verdict": "weak"}
     _edit(run_path / "result.json", lambda r: r["parameters"]["cup_r"].update(wide))
     assert "cup_r seen in pictures" not in page_of_check(run_path, 1)  # as nobody looked for it

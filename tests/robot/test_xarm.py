@@ -51,8 +51,9 @@ DEAF = {
 }
 
 
-def test_an_arm_whose_limits_are_not_in_force_is_not_moved(controller, latch):
-    settings = {"acceleration": 1000.0, "collision_sensitivity": 4, "reported_within_s": 0.2}
+def test_an_arm_whose_limits_are_not_in_force_is_not_moved(controller, latch, monkeypatch):
+    monkeypatch.setattr("simtune.robot.controller_limits.REPORTED_WITHIN_S", 0.2)
+    settings = {"acceleration": 1000.0, "collision_sensitivity": 4}
     with closing(XArm(controller.ip, **settings, latch=latch)) as xarm:
         xarm.connect()
         controller.deaf = set(DEAF)

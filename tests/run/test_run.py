@@ -202,7 +202,7 @@ def test_a_run_keeps_its_sources_and_says_which_of_them_differ_wherever_they_lie
     [
         ({"search": "posterior"}, "image_size", None, "--image-size not given, now 32"),
         ({"method": "dr"}, "policy_steps", None, "--policy-steps not given, now 32"),
-        ({"method": "dr"}, "drop_far", False, "--drop-far not given, now 32"),
+        ({"method": "dr"}, "real_gap", False, "--real-gap not given, now 32"),
     ],
 )
 def test_an_option_that_a_runs_version_did_not_have_counts_as_its_default(

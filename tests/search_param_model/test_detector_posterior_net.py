@@ -20,7 +20,7 @@ from simtune.search_param_model.posterior_net import (
     SurvivalMixture,
     posterior_loss,
 )
-from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.simulated import FilmedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.vision.detector import (
     Detections,
@@ -210,9 +210,9 @@ def test_detector_learns_to_find_a_dot_and_a_grey():
     )
     model = PosteriorSearchParamModel(1, np.ones(1), space.is_visible, (SIZE, SIZE), config, seed=0)
 
-    def worlds(seed: int) -> SimulatedWorlds:
+    def worlds(seed: int) -> FilmedWorlds:
         frames, place, grey = dots(300, seed)
-        return SimulatedWorlds(
+        return FilmedWorlds(
             np.concatenate([grey, np.full((300, 1), 0.5)], 1),
             np.zeros((300, 1, 1, 1), np.float32),
             np.repeat(place[:, None, None].astype(np.float32), 2, 2),
@@ -458,7 +458,7 @@ def a_model_and_worlds(num_worlds=12, episodes=2, steps=30, filmed=5):
         posterior_net=PosteriorNetConfig(channels=8, hidden=16, batch_size=8, candidates=8),
     )
     model = PosteriorSearchParamModel(2, np.ones(1), space.is_visible, (SIZE, SIZE), config, seed=0)
-    worlds = SimulatedWorlds(
+    worlds = FilmedWorlds(
         distribution.sample(num_worlds, rng),
         rng.uniform(-1, 1, (num_worlds, episodes, steps, 1)),
         rng.uniform(0, SIZE, (num_worlds, episodes, steps + 1, 2, 2)).astype(np.float32),

@@ -9,13 +9,14 @@ import pytest
 from search_context import CARTPOLE
 from search_context import SPACE as CARTPOLE_SPACE
 
+from simtune.cameras.views import View
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, colour
 from simtune.randomization import Distribution
 from simtune.search_param_model.simulated import play_worlds
 from simtune.search_param_model.training_pictures import TrainingPictures
-from simtune.simulation import OpenGLQuality, RendererName, Rollouts, StrayLight
+from simtune.simulation import OpenGLQuality, PictureSettings, RendererName, Rollouts, StrayLight
 from simtune.simulation.rendering.renderer import make_renderer
 from simtune.vision.keypoints import Keypoints
 
@@ -46,7 +47,8 @@ def drawn(camera: str, stray: StrayLight | None, kind: RendererName = "raycaster
     state = np.empty((1, mujoco.mj_stateSize(model, kind_of_light)))
     mujoco.mj_getState(model, mujoco.MjData(model), state[0], kind_of_light)
     quality = OpenGLQuality(shadow_map_px=1024, reflections=True)
-    renderer = make_renderer(kind, model, SPACE, camera, (SIZE, SIZE), quality)
+    settings = PictureSettings(image_size=SIZE, renderer=kind, quality=quality)
+    renderer = make_renderer(model, SPACE, View(camera), settings)
     return renderer.render(state, SPACE.nominal[None], stray)[0].astype(int)
 
 
@@ -80,7 +82,7 @@ def test_scenes_of_meshes_get_shadows_in_the_rooms_that_have_some():
     scene = scene.replace("<asset>", f'<asset><mesh name="c" vertex="{corners}"/>')
     scene = scene.replace('dir="0 0 -1"', 'dir="-1 0 -1"')  # from the right, at 45°
     model = mujoco.MjModel.from_xml_string(scene)
-    renderer = make_renderer("raycaster", model, SPACE, "above", (SIZE, SIZE))
+    renderer = make_renderer(model, SPACE, View("above"), PictureSettings(image_size=SIZE))
     kind = mujoco.mjtState.mjSTATE_INTEGRATION
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, mujoco.MjData(model), state, kind)

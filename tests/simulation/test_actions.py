@@ -12,9 +12,9 @@ from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, ParameterSpace, dynamics
 from simtune.simulation import (
     DirectActions,
-    Drawing,
     JointActions,
     MocapActions,
+    PictureSettings,
     ScaledActions,
     Scene,
     Simulator,
@@ -89,7 +89,7 @@ def simulator_of(
         step_s=step_s,
         map_actions=map_actions,
     )
-    return Simulator(scene, Drawing(image_size=16))
+    return Simulator(scene, PictureSettings(image_size=16))
 
 
 def plain_loop(simulator: Simulator, mass: float, start, move, num_steps: int) -> np.ndarray:

@@ -8,8 +8,9 @@ import pytest
 from matplotlib.image import imsave
 from test_renderers import initial_state, opengl_or_skip
 
+from simtune.cameras.views import View
 from simtune.parameters import Parameter, ParameterSpace
-from simtune.simulation import OpenGLQuality
+from simtune.simulation import OpenGLQuality, PictureSettings
 from simtune.simulation.rendering.raycaster import Raycaster
 
 SIZE = 64
@@ -107,7 +108,9 @@ def both(
     )
     state, values = initial_state(model), np.array([list(tuned.values())])
     drawn = opengl_or_skip(model, space, "c", SIZE, quality).render(state, values)[0]
-    cast = Raycaster(model, space, "c", (SIZE, SIZE), num_threads=1).render(state, values)[0]
+    settings = PictureSettings(image_size=SIZE)
+    caster = Raycaster(model, space, View("c"), settings, num_threads=1)
+    cast = caster.render(state, values)[0]
     return cast.astype(int), drawn.astype(int)
 
 

@@ -1,9 +1,9 @@
 """Both renderers draw the same worlds, and each world in its own parameters."""
 
 import copy
-import dataclasses
 import functools
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import mujoco
@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from late_actuators import delay
 
+from simtune.cameras.views import View
 from simtune.errors import InputError
 from simtune.parameters import (
     ModelWriter,
@@ -20,7 +21,13 @@ from simtune.parameters import (
     colour,
     field_of_view,
 )
-from simtune.simulation import OPENGL_DM_CONTROL, OpenGLQuality, Simulator, random_actions
+from simtune.simulation import (
+    OPENGL_DM_CONTROL,
+    OpenGLQuality,
+    PictureSettings,
+    Simulator,
+    random_actions,
+)
 from simtune.simulation.rendering import opengl
 from simtune.simulation.rendering.constant_sky import constant_sky
 from simtune.simulation.rendering.depths import Depths
@@ -33,6 +40,7 @@ from simtune.tasks import TASKS, load_task
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 SIZE = 32
+ABOVE, SMALL = View("above"), PictureSettings(image_size=SIZE)
 SHADOWS = OpenGLQuality(shadow_map_px=1024)  # without, OpenGL's brightness saturates early
 
 # A camera looks down at the ground, a ball in the middle; half of the picture is sky.
@@ -85,7 +93,8 @@ def scene() -> mujoco.MjModel:
 
 def opengl_or_skip(model, space, camera, image_size, quality=SHADOWS) -> Renderer:
     try:
-        return make_renderer("opengl", model, space, camera, (image_size, image_size), quality)
+        settings = PictureSettings(image_size=image_size, renderer="opengl", quality=quality)
+        return make_renderer(model, space, View(camera), settings)
     except InputError as error:
         pytest.skip(str(error))
 
@@ -96,7 +105,7 @@ def opengl_or_skip(model, space, camera, image_size, quality=SHADOWS) -> Rendere
 def renderer(request, scene) -> Renderer:
     if request.param == "opengl":
         return opengl_or_skip(scene, SPACE, "above", SIZE)
-    return make_renderer("raycaster", scene, SPACE, "above", (SIZE, SIZE))
+    return make_renderer(scene, SPACE, ABOVE, SMALL)
 
 
 def states_of(model: mujoco.MjModel, positions: list[float]) -> np.ndarray:
@@ -182,7 +191,7 @@ def test_a_thread_draws_worlds_whose_parameters_it_has_written(scene, monkeypatc
         write(writer, batch, parameters)
 
     monkeypatch.setattr(ModelWriter, "write_batch", spy)
-    renderer = Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=3)
+    renderer = Raycaster(scene, SPACE, ABOVE, SMALL, num_threads=3)
     states = states_of(scene, [0.1 * i for i in range(-3, 4)])
     parameters = np.random.default_rng(0).random((7, 6))
     first = renderer.render(states, parameters)
@@ -199,15 +208,15 @@ def test_a_thread_draws_worlds_whose_parameters_it_has_written(scene, monkeypatc
 def test_one_thread_draws_what_many_draw(scene):
     states = states_of(scene, [0.1 * i for i in range(-5, 5)])
     parameters = np.random.default_rng(0).random((10, 6))
-    one, three = (Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=k) for k in (1, 3))
+    one, three = (Raycaster(scene, SPACE, ABOVE, SMALL, num_threads=k) for k in (1, 3))
     np.testing.assert_array_equal(one.render(states, parameters), three.render(states, parameters))
 
 
 def test_the_sky_of_a_fixed_camera_is_the_one_drawn_for_a_camera_that_may_turn(scene):
     states, parameters = states_of(scene, [0.0, 0.3]), painted((RED, BLUE), (GREY, RED))
-    fixed = Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=1)
+    fixed = Raycaster(scene, SPACE, ABOVE, SMALL, num_threads=1)
     turning = ParameterSpace([*SPACE, *camera_pose("camera", "above", (0, -1, 1))])
-    own = Raycaster(scene, turning, "above", (SIZE, SIZE), num_threads=1)
+    own = Raycaster(scene, turning, ABOVE, SMALL, num_threads=1)
     frames = own.render(states, np.hstack([parameters, np.tile(turning.nominal[6:], (2, 1))]))
     assert len(np.unique(frames[0, :8].reshape(-1, 3), axis=0)) > 5  # there is a gradient
     difference = fixed.render(states, parameters).astype(int) - frames
@@ -220,10 +229,10 @@ def simulator_of(name: str) -> Simulator:
     return load_task(name).simulator(image_size=84)
 
 
-def mujoco_warps_own(monkeypatch, *args) -> Raycaster:
+def mujoco_warps_own(monkeypatch, model, space, camera: str, image_size: int) -> Raycaster:
     with monkeypatch.context() as patch:
         patch.setattr(Primitives, "can_draw", lambda context: False)
-        return Raycaster(*args)
+        return Raycaster(model, space, View(camera), PictureSettings(image_size=image_size))
 
 
 @pytest.fixture
@@ -252,13 +261,8 @@ def test_primitives_are_drawn_as_mujoco_warp_draws_them_in_every_task(
     parameters = task.parameters.from_unit(rng.uniform(0, 1, (8, len(task.parameters))))
     actions = random_actions(8, 5, simulator.action_mapping, rng)
     rollouts = simulator.roll_out(parameters, actions, rng)
-    expected = mujoco_warps_own(
-        monkeypatch,
-        simulator.model,
-        task.parameters,
-        task.cameras[0].camera,
-        simulator.shape,
-    )
+    camera = task.cameras[0].camera
+    expected = mujoco_warps_own(monkeypatch, simulator.model, task.parameters, camera, 84)
     states, parameters = rollouts.states[:, -1], rollouts.parameters
     assert_same_pictures(simulator.render(states, parameters), expected.render(states, parameters))
 
@@ -315,12 +319,13 @@ def test_every_primitive_is_drawn_as_mujoco_warp_draws_it(monkeypatch, without_g
     )
     model = mujoco.MjModel.from_xml_string(PRIMITIVES.format(geoms=geoms))
     space = ParameterSpace(colour("box", ("box 3",), (0.5, 0.5, 0.5)))
-    args = (model, space, "above", (96, 96))
     states = initial_state(model).repeat(2, axis=0)
     parameters = np.array([[0.5, 0.5, 0.5], [0.9, 0.2, 0.1]])
-    frames = Raycaster(*args).render(states, parameters)
+    frames = Raycaster(model, space, ABOVE, PictureSettings(image_size=96)).render(
+        states, parameters
+    )
     assert (frames[0] != frames[1]).any()
-    expected = mujoco_warps_own(monkeypatch, *args)
+    expected = mujoco_warps_own(monkeypatch, model, space, "above", 96)
     assert_same_pictures(frames, expected.render(states, parameters))
 
 
@@ -347,7 +352,7 @@ def camera_space(name: str) -> ParameterSpace:
 def filmed_otherwise(name: str) -> tuple[Simulator, np.ndarray, np.ndarray]:
     """A simulator, and 8 states of worlds with parameters: cameras all over their ranges."""
     task, space = load_task(name), camera_space(name)
-    simulator = dataclasses.replace(task, parameters=space).simulator(image_size=84)
+    simulator = replace(task, parameters=space).simulator(image_size=84)
     rng = np.random.default_rng(3)
     parameters = np.tile(space.nominal, (8, 1))
     is_camera = [p.field.startswith("cam_") or p.is_delay for p in space]
@@ -366,7 +371,7 @@ def test_a_camera_of_other_pose_and_view_is_drawn_by_us_as_by_mujoco_warp(
     with monkeypatch.context() as patch:
         patch.setattr(mujoco_warp, "render", lambda *_: pytest.fail("not by us"))
         frames = simulator.render(states, parameters)
-    expected = mujoco_warps_own(monkeypatch, simulator.model, simulator.space, "side", (84, 84))
+    expected = mujoco_warps_own(monkeypatch, simulator.model, simulator.space, "side", 84)
     assert_nearly_same_pictures(frames, expected.render(states, parameters))
 
 
@@ -391,12 +396,12 @@ def test_a_camera_that_only_moves_sees_the_same_sky(scene):
     """The sky is drawn once for it, as for one that stays where it is."""
     moves = camera_pose("camera", "above", (0, -1, 1))[:3]
     space = ParameterSpace([*SPACE, *moves])
-    renderer = Raycaster(scene, space, "above", (SIZE, SIZE), num_threads=1)
+    renderer = Raycaster(scene, space, ABOVE, SMALL, num_threads=1)
     parameters = np.array([[*RED, *BLUE, 0, -1, 1], [*RED, *BLUE, 0.1, -1, 0.95]])
     still, other = renderer.render(states_of(scene, [0.0, 0.0]), parameters)
     np.testing.assert_array_equal(still[:8], other[:8])
     assert (still[8:] != other[8:]).any()
-    expected = Raycaster(scene, SPACE, "above", (SIZE, SIZE), num_threads=1)
+    expected = Raycaster(scene, SPACE, ABOVE, SMALL, num_threads=1)
     np.testing.assert_array_equal(
         still, expected.render(states_of(scene, [0.0]), painted((RED, BLUE)))[0]
     )
@@ -501,12 +506,12 @@ FLEX = """
 @pytest.mark.parametrize("xml", [MESH, FLEX], ids=["mesh", "flex"])
 def test_models_with_meshes_or_flexes_are_drawn_by_mujoco_warp(xml, monkeypatch):
     monkeypatch.setattr(Primitives, "__init__", lambda *_: pytest.fail("it is drawn by us"))
-    Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", (SIZE, SIZE))
+    Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, ABOVE, SMALL)
 
 
 def test_a_flex_is_drawn_at_its_place_in_the_picture():
     model = mujoco.MjModel.from_xml_string(FLEX)
-    renderer = Raycaster(model, BALL, "above", (SIZE, SIZE), num_threads=1)
+    renderer = Raycaster(model, BALL, ABOVE, SMALL, num_threads=1)
     frame = renderer.render(initial_state(model), BALL.nominal[None])[0]
     columns = (frame > 0).any(axis=(0, 2))
     assert columns[SIZE // 2 :].any()  # the ball
@@ -530,7 +535,7 @@ def test_physics_that_warp_lacks_is_not_needed_to_draw():
     plain = mujoco.MjModel.from_xml_string(UNKNOWN_TO_WARP.format("hinge", ""))
     models = (mujoco.MjModel.from_xml_string(xml), plain)
     first, second = (
-        Raycaster(model, BALL, "above", (SIZE, SIZE), num_threads=1).render(
+        Raycaster(model, BALL, ABOVE, SMALL, num_threads=1).render(
             initial_state(model), BALL.nominal[None]
         )
         for model in models
@@ -542,7 +547,7 @@ def test_physics_that_warp_lacks_is_not_needed_to_draw():
 def test_a_model_that_warp_refuses_is_refused_in_a_line():
     xml = UNKNOWN_TO_WARP.format("ball", '<orientation joint="turn" kp="1"/>')
     with pytest.raises(InputError, match=r"cannot draw the model, since MuJoCo Warp .*mjTRN_SO3"):
-        Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, "above", (SIZE, SIZE))
+        Raycaster(mujoco.MjModel.from_xml_string(xml), BALL, ABOVE, SMALL)
 
 
 @pytest.mark.parametrize("geom", ["", '<geom size=".1" group="3"/>'])
@@ -551,7 +556,7 @@ def test_a_model_of_which_nothing_is_seen_is_refused_in_a_line(geom):
     xml = f'<mujoco><worldbody><camera name="above" pos="0 0 4"/>{geom}</worldbody></mujoco>'
     space = ParameterSpace([])
     with pytest.raises(InputError, match=r"nothing can be drawn: .* in the groups 0 to 2"):
-        Raycaster(mujoco.MjModel.from_xml_string(xml), space, "above", (SIZE, SIZE))
+        Raycaster(mujoco.MjModel.from_xml_string(xml), space, ABOVE, SMALL)
 
 
 def test_depths_are_of_geoms_alone():
@@ -630,7 +635,8 @@ def test_lamps_light_flat_faces_as_in_opengl(floor, extent):
     drawn = opengl_or_skip(model, space, "front", 64, OpenGLQuality()).render(states, worlds)[1]
 
     def off() -> float:
-        cast = Raycaster(model, space, "front", (64, 64)).render(states, worlds)[1]
+        settings = PictureSettings(image_size=64)
+        cast = Raycaster(model, space, View("front"), settings).render(states, worlds)[1]
         difference = np.abs(cast.astype(int) - drawn).max(-1)
         return float(np.quantile(difference, 0.98))  # but for edges
 
@@ -702,7 +708,7 @@ def test_opengl_that_is_not_installed_is_refused_with_what_to_install(scene, mon
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(opengl, "find_library", lambda name: None)
     with pytest.raises(InputError, match=r"apt install libegl1.*raycaster") as error:
-        make_renderer("opengl", scene, SPACE, "above", (SIZE, SIZE))
+        make_renderer(scene, SPACE, ABOVE, replace(SMALL, renderer="opengl"))
     assert "\n" not in str(error.value)
 
 
@@ -716,15 +722,15 @@ def test_a_context_that_mujoco_cannot_draw_in_is_refused_and_freed(scene, monkey
 
     monkeypatch.setattr(mujoco, "MjrContext", fail)
     with pytest.raises(InputError, match=r"no OpenGL platform library; install.*raycaster"):
-        make_renderer("opengl", scene, SPACE, "above", (SIZE, SIZE))
+        make_renderer(scene, SPACE, ABOVE, replace(SMALL, renderer="opengl"))
     assert freed == [True]
 
 
 def test_an_unknown_renderer_or_camera_is_refused(scene):
     with pytest.raises(InputError, match="no renderer 'povray'"):
-        make_renderer("povray", scene, SPACE, "above", (SIZE, SIZE))  # type: ignore[arg-type]
+        make_renderer(scene, SPACE, ABOVE, replace(SMALL, renderer="povray"))
     with pytest.raises(InputError, match="no camera 'below'"):
-        make_renderer("raycaster", scene, SPACE, "below", (SIZE, SIZE))
+        make_renderer(scene, SPACE, View("below"), SMALL)
 
 
 @pytest.mark.opengl

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import torch
 
 from simtune.agents.pixel_agent import PixelAgent
-from simtune.replay import Transitions
+from simtune.replay_buffer import Transitions
 
 
 @dataclass

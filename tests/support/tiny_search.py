@@ -1,7 +1,6 @@
 """A posterior search that takes seconds and finds nothing."""
 
 from simtune.fit import FitConfig
-from simtune.fit.motion.particles import ParticleConfig
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.search_param_model.posterior import PosteriorConfig
 from simtune.search_param_model.posterior_net import PosteriorNetConfig
@@ -28,7 +27,7 @@ TINY_SEARCH = PosteriorSearchConfig(
     planned_refits=1,
     most_refits=1,
     fit=FitConfig(
-        particles=ParticleConfig(num=8, steps=4),
+        num_particles=8,
         shooting=ShootingConfig(
             stages=(Stage(4, 1, 2.0), Stage(8, 1)),
             longer=(16,),

@@ -14,7 +14,7 @@ from simtune.config import ExportConfig, TuneConfig
 from simtune.experiment.experiment import build_experiment
 from simtune.export import export
 from simtune.parameters import ModelWriter
-from simtune.parameters.backlash import driven_through, play_of
+from simtune.parameters.backlash_joints import driven_through, play_of
 
 # A bob of 1 kg at 0.5 m, whose weight pulls the arm down at angle 0: 4.905 N·m.
 SCENE = """

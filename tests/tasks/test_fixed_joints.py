@@ -219,7 +219,11 @@ def test_an_added_servo_has_no_activation_whatever_the_models_have_by_default(lo
         ("fixed_pose = 'sit'\n", 3, "fixed_pose is of fixed_joints, and there are none"),
         ("[[actuators]]\njoint = 'elbow'\n", 3, r"\[\[actuators\]\] has no kp"),
         ("[[actuators]]\nkp = 3\njoint = 'toe'\n", 5, "a hinge or a slide, and 'toe' is neither"),
-        ("[[actuators]]\nkp = 3\nkv = -1\njoint = 'elbow'\n", 5, "kv must be at least 0, got -1"),
+        (
+            "[[actuators]]\nkp = 3\nkv = -1\njoint = 'elbow'\n",
+            5,
+            "of at least 0, got -1",
+        ),
         (
             "[[actuators]]\nkp = 3\njoint = 'elbow'\nname = 'bend'\n",
             3,

@@ -11,7 +11,7 @@ from mujoco.batch import Batch
 from search_context import context_of
 
 from simtune.checking import check
-from simtune.checking.recording_warnings import warnings
+from simtune.checking.recording_warnings import recording_warnings
 from simtune.config import CheckConfig, RealConfig
 from simtune.errors import InputError, UnknownName
 from simtune.parameters import ModelWriter, Parameter, ParameterSpace
@@ -23,7 +23,7 @@ from simtune.tasks import Task, load_any_task, load_task, named_files
 from simtune.tasks.tuning_file import load as loading
 from simtune.tasks.tuning_file import parameters as reading
 from simtune.tasks.tuning_file import policy as policies
-from simtune.tasks.tuning_file.toml_lines import key_lines
+from simtune.toml_reading.lines import key_lines
 from simtune.trajectory import Trajectory
 from simtune.tuning.posterior import PosteriorSearch
 
@@ -473,7 +473,7 @@ def test_the_pose_of_a_camera_of_its_own_can_be_a_parameter(load):
         (
             "[camera]\nposition_m = [0, 0, 1]\nlook_at_m = [1, 0, 0]\nfield_of_view_deg = 180\n",
             6,
-            "must be below 180",
+            "must be a finite number above 0 and below 180",
         ),
         (
             "[camera]\nposition_m = [0, 0, 1]\nlook_at_m = [1, 0, 0]\nfield_of_view_deg = 0.8\n",
@@ -1015,8 +1015,8 @@ def test_actions_in_other_units_are_warned_of(load):
     task = load(HEAD + PERCENT + MASS)
     facts = {"control_hz": 20, "cameras": []}
     actions = np.linspace(-1, 1, 40, dtype=np.float32)[:, None]
-    assert warnings(task, facts, [100 * actions], 1) == []
-    (said,) = warnings(task, facts, [5000 * actions], 1)
+    assert recording_warnings(task, facts, [100 * actions], 1) == []
+    (said,) = recording_warnings(task, facts, [5000 * actions], 1)
     assert "actions of elbow go from -5000 to 5000, beyond the model's range of -100 to 100" in said
 
 
@@ -1025,8 +1025,8 @@ def test_actions_in_degrees_are_called_so(load):
     low, high = task.load_actions().range[0]
     actions = np.array([[0.9 * low, 0], [0.9 * high, 0]] * 20, np.float32)
     facts = {"control_hz": 1 / task.step_s, "cameras": []}
-    assert not [said for said in warnings(task, facts, [actions], 1) if "degrees" in said]
-    said, *_ = warnings(task, facts, [np.rad2deg(actions)], 1)
+    assert not [said for said in recording_warnings(task, facts, [actions], 1) if "degrees" in said]
+    said, *_ = recording_warnings(task, facts, [np.rad2deg(actions)], 1)
     assert "such as degrees? Then" in said
     assert "gain = 0.0174533" in said
 
@@ -1034,7 +1034,7 @@ def test_actions_in_degrees_are_called_so(load):
 def test_actions_in_other_units_share_a_line(load):
     task = load(HEAD + "[actions]\nactuators = ['shoulder', 'elbow']\n" + MASS)
     actions = 5000 * np.linspace(-1, 1, 40, dtype=np.float32)[:, None].repeat(2, 1)
-    (said,) = warnings(task, {"control_hz": 1 / task.step_s, "cameras": []}, [actions], 1)
+    (said,) = recording_warnings(task, {"control_hz": 1 / task.step_s, "cameras": []}, [actions], 1)
     assert said.startswith("actions of shoulder go from -5000 to 5000, beyond the model's range")
     assert said.endswith("are they in other units? (likewise elbow)")
 
@@ -1045,8 +1045,8 @@ def test_actions_in_another_order_are_noticed_whatever_recorders_add_to_names(lo
     facts = {"control_hz": 1 / task.step_s, "cameras": [], "action_names": None}
     actions = np.random.default_rng(0).uniform(-0.1, 0.1, (40, 2)).astype(np.float32)
     as_it_is, swapped = ([f"{name}.pos" for name in order] for order in (names, names[::-1]))
-    assert warnings(task, facts | {"action_names": as_it_is}, [actions], 1) == []
-    (said,) = warnings(task, facts | {"action_names": swapped}, [actions], 1)
+    assert recording_warnings(task, facts | {"action_names": as_it_is}, [actions], 1) == []
+    (said,) = recording_warnings(task, facts | {"action_names": swapped}, [actions], 1)
     assert f"say --actions {','.join(as_it_is)}" in said
 
 

@@ -37,14 +37,11 @@ from simtune.simulation import Rollouts
 from simtune.tasks import load_task
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.fit_verdict import conclude
-from simtune.tuning.fitting import Fitted
+from simtune.tuning.fitting import Fitted, Fitting
 from simtune.tuning.joint import Joint
 from simtune.tuning.judging import Judging
 from simtune.tuning.observing import Observing
-from simtune.tuning.posterior_config import PosteriorSearchConfig
-from simtune.tuning.range_update import RangeUpdateConfig
 from simtune.tuning.refit_plan import RefitPlan
 from simtune.tuning.rounds import RoundTime
 from simtune.tuning.search import NO_CALLBACKS
@@ -108,7 +105,7 @@ class FakeReplayFit:
     def within(self, budget: Budget) -> "FakeReplayFit":
         return self
 
-    def fit(self, observed, start: PointEstimate, latencies: tuple[int], extend_horizon: bool):
+    def fit(self, observed, start: PointEstimate, latencies: tuple[int]):
         self.starts.append(SPACE.to_unit(start.parameters))
         return self.find(start.parameters)
 
@@ -183,7 +180,7 @@ def test_judged_moves_the_estimate_by_the_bias_unless_the_real_fit_is_worse():
 
 def test_ranks_by_hand_use_the_inflation_of_the_other_refits():
     errors = np.array([[0.0] * len(SPACE), [1.0] * len(SPACE), [-2.0] * len(SPACE)])
-    ranks = refits_of(errors).ranks()
+    ranks = np.array(list(refits_of(errors).ranks(SPACE.names).values())).T
     assert ranks.shape == errors.shape
     np.testing.assert_allclose(ranks[0], 0.5)
     assert (ranks[1] < 0.5).all()  # the estimate was too high: the truth is low in its curve
@@ -373,13 +370,13 @@ def test_what_is_drawn_elsewhere_is_told_less_and_so_is_the_motion():
     np.testing.assert_allclose(wider[MOVING], 4)
     np.testing.assert_allclose(wider[APPEARANCE[:-1]], 1)
     assert wider[last] == pytest.approx(16)
-    found, _ = conclude(curves, of(0.064), refits, first, first, RangeUpdateConfig())
+    found, _ = conclude(curves, of(0.064), refits, first, first)
     at_most_weak = np.isin(np.arange(len(SPACE)), [*MOVING, last])
     np.testing.assert_array_equal(np.array(found.verdict) == "identified", ~at_most_weak)
     (warning,) = found.warnings
     assert warning.startswith(f"What shows {SPACE.names[last]} is not where the fit has it")
     assert "16 of 255 levels off, 16 times as far" in warning
-    alike, _ = conclude(curves, of(0.023), refits, first, first, RangeUpdateConfig())
+    alike, _ = conclude(curves, of(0.023), refits, first, first)
     assert alike.warnings == []  # six times as noisy: as another renderer draws it
 
 
@@ -404,10 +401,17 @@ def test_known_worlds_begin_where_the_real_episodes_did():
     fit = replace(a_fit(), starts=begun)
     known = FakeReplayFit(lambda _: fit)
     observing = Observing(context, exact, AllEvidence(()))
-    stage = FitStage(context, model, known, observing)
     observed = observing.observed([real] * 4, [model.detect(real.frames)] * 4)
     start = PointEstimate(SPACE.nominal, np.full(len(SPACE), 0.02))
-    made = stage.refit(observed, fit, start, RefitPlan(2, 3), rng, False, Budget())
+    facts: dict[str, Any] = {
+        "replay_fit": known,
+        "observing": observing,
+        "start": start,
+        "learning": SimpleNamespace(model=model, worlds=SimpleNamespace(rng=rng)),
+        "learned": None,
+    }
+    fitting = Fitting(**facts, finds_latency=False, may_give_up=False)
+    made = fitting.refit(Fitted(fit, known, observing, 1.0), observed, RefitPlan(2, 3), Budget())
     assert len(made.errors) == len(played) == 2
     for world in played:
         np.testing.assert_array_equal(world.states[:, 0], begun[:3])
@@ -675,7 +679,7 @@ def test_pictures_as_late_as_can_be_fitted_make_all_doubtful():
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
     late = replace(a_fit(), late_s={"pictures": (0.0375, 0.0001)}, is_too_late=True)
     known = refits_of(np.zeros((8, len(SPACE))))
-    found, _ = conclude(curves, late, known, first, first, RangeUpdateConfig())
+    found, _ = conclude(curves, late, known, first, first)
     assert "identified" not in found.verdict
     (warning,) = delay_warnings(late.late_s, 0, 0.05)
     assert "Pictures come 38 ms late, the most that is fitted" in warning
@@ -705,7 +709,7 @@ def test_parts_beside_to_different_sides_leave_no_motion_identified():
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
     for right, verdict in ((0.3, "weak"), (1.0, "identified")):
         fit = replace(a_fit(), beside=(Beside("keypoints", 4.3, 1.2, right, 0.02),))
-        found, _ = conclude(curves, fit, known, first, first, RangeUpdateConfig())
+        found, _ = conclude(curves, fit, known, first, first)
         assert {found.verdict[i] for i in MOVING} == {verdict}
         assert {found.verdict[i] for i in APPEARANCE} == {"identified"}
 
@@ -739,7 +743,7 @@ def test_a_known_colour_that_makes_no_camera_leaves_colours_at_most_weak():
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
     for fit, colours in ((a_fit(), "identified"), (its, "weak")):
-        found, _ = conclude(curves, fit, known, first, first, RangeUpdateConfig())
+        found, _ = conclude(curves, fit, known, first, first)
         assert {found.verdict[i] for i in APPEARANCE} == {colours}
         assert {found.verdict[i] for i in MOVING} == {"identified"}
 
@@ -776,16 +780,14 @@ def test_a_delay_in_pictures_is_told_once_with_what_readings_found_of_it(of_read
     by_readings = None
     if of_readings is not None:
         by_readings = SimpleNamespace(latency_steps=of_readings, combined_with=lambda its, _: its)
-    context = SimpleNamespace(simulator=SimpleNamespace(step_s=0.05))
     first = Distribution.first(SPACE, SPACE.nominal)
     flat = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
+    learned = SimpleNamespace(prob_higher=flat, searched=first)
     facts: dict[str, Any] = {
-        "earlier": None,
-        "fitting": SimpleNamespace(stage=SimpleNamespace(context=context)),
-        "learning": SimpleNamespace(config=PosteriorSearchConfig()),
-        "learned": SimpleNamespace(prob_higher=flat, searched=first),
+        "context": SimpleNamespace(simulator=SimpleNamespace(step_s=0.05), first=first),
+        "fitting": SimpleNamespace(learned=learned),
         "by_readings": by_readings,
-        "first": first,
+        "earlier": None,
     }
     judging = Judging(**facts)
     late = replace(a_fit(latency_steps=1), late_s={"pictures": (-0.019, 0.003)})
@@ -811,26 +813,20 @@ def test_other_actions_are_tried_where_the_motion_is_not_explained_or_at_a_bound
         tried.append(latencies)
         return ["the motor pushes the other way"]
 
-    stage = SimpleNamespace(
-        context=SimpleNamespace(simulator=SimpleNamespace(step_s=0.05)),
-        refit=lambda *_: known,
-        replay_fit=SimpleNamespace(misread_actions=misread_actions),
-    )
+    replay_fit: Any = SimpleNamespace(misread_actions=misread_actions)
     fitting = SimpleNamespace(
-        stage=stage,
         start=None,
+        learned=SimpleNamespace(prob_higher=flat, searched=first),
         observed=lambda: "what was observed",
-        fit=lambda *_: Fitted(fit, cast(Any, stage), 1.0),
+        fit=lambda *_: Fitted(fit, replay_fit, cast(Any, None), 1.0),
     )
     facts: dict[str, Any] = {
-        "fitting": fitting,
-        "learned": SimpleNamespace(prob_higher=flat, searched=first),
-        "learning": SimpleNamespace(
-            worlds=SimpleNamespace(rng=None), config=PosteriorSearchConfig()
+        "context": SimpleNamespace(
+            simulator=SimpleNamespace(step_s=0.05, space=SPACE), first=first
         ),
+        "fitting": fitting,
         "by_readings": None,
-        "earlier": EarlierRounds(),
-        "first": first,
+        "earlier": EarlierRounds(known),
     }
     judged = Judging(**facts).judge(RoundTime(Budget(), False, Budget()), NO_CALLBACKS)
     is_wrong = motion == 9.0 or at == 0.0
@@ -848,9 +844,9 @@ def test_known_worlds_may_take_from_later_rounds_if_this_one_has_no_time_for_two
     fit_s, earlier, is_whole
 ):
     """Of 30 s that are left of the round, and 200 s of all; unless an earlier round has some."""
-    facts = dict.fromkeys(("fitting", "learned", "first", "by_readings"))
+    facts = dict.fromkeys(("context", "fitting", "by_readings"))
     known = EarlierRounds(refits_of(np.zeros((earlier, len(SPACE)))) if earlier else None)
-    judging = Judging(**cast(Any, facts), learning=cast(Any, None), earlier=known)
+    judging = Judging(**cast(Any, facts), earlier=known)
     part, whole = Budget(30.0), Budget(200.0)
     given = judging._for_known_worlds(fit_s, RoundTime(part, True, whole))
     assert given is (whole if is_whole else part)
@@ -869,15 +865,14 @@ def test_without_a_refit_nothing_is_called_identified_and_that_is_said():
     first = Distribution.first(SPACE, SPACE.nominal)
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
     judged, none = refits_of(np.zeros((3, len(SPACE)))), refits_of(np.zeros((0, len(SPACE))))
-    config = RangeUpdateConfig()
-    sure, _ = conclude(curves, a_fit(), judged, first, first, config)
+    sure, _ = conclude(curves, a_fit(), judged, first, first)
     assert sure.verdict == ["identified"] * len(SPACE)
     assert sure.warnings == []
-    unsure, _ = conclude(curves, a_fit(), none, first, first, config)
+    unsure, _ = conclude(curves, a_fit(), none, first, first)
     assert "identified" not in unsure.verdict
     (warning,) = unsure.warnings
     assert "no time to fit a known world" in warning
-    lost, _ = conclude(curves, a_fit(motion=3.0), judged, first, first, config)
+    lost, _ = conclude(curves, a_fit(motion=3.0), judged, first, first)
     assert "identified" not in lost.verdict
     assert any("trust no number" in warning for warning in lost.warnings)
 
@@ -887,7 +882,7 @@ def test_where_known_worlds_show_nothing_for_sure_nothing_is_called_identified()
     curves = normal_curves(np.full(len(SPACE), 0.5), np.full(len(SPACE), 0.01))
     known = refits_of(np.zeros((3, len(SPACE))))
     unseen = replace(known, misfits=[a_misfit(np.nan)] * 3)
-    found, _ = conclude(curves, a_fit(motion=9.0), unseen, first, first, RangeUpdateConfig())
+    found, _ = conclude(curves, a_fit(motion=9.0), unseen, first, first)
     assert found.held_out["passed"] is None
     assert "identified" not in found.verdict
     assert any("nothing that moves is found for sure" in warning for warning in found.warnings)
@@ -899,7 +894,7 @@ def test_what_a_fit_leaves_at_a_bound_is_not_called_identified():
     known, mass = refits_of(np.zeros((3, len(SPACE)))), SPACE.index("pole_mass")
     at_bound = replace(a_fit(), parameters=SPACE.nominal.copy())
     at_bound.parameters[mass] = SPACE.high[mass]
-    found, _ = conclude(curves, at_bound, known, first, first, RangeUpdateConfig())
+    found, _ = conclude(curves, at_bound, known, first, first)
     others = np.arange(len(SPACE)) != mass
     assert found.verdict[mass] == "weak"
     assert (np.array(found.verdict)[others] == "identified").all()
@@ -915,7 +910,7 @@ def concluded(space: ParameterSpace, unit_of_first: float) -> Estimate:
     at[mass] = unit_of_first
     parameters = np.where(np.arange(len(space)) == mass, first.from_range_unit(at), space.nominal)
     fit, known = replace(a_fit(), parameters=parameters), refits_of(np.zeros((3, len(space))))
-    return conclude(curves, fit, known, first, first, RangeUpdateConfig())[0]
+    return conclude(curves, fit, known, first, first)[0]
 
 
 @pytest.mark.parametrize("side", [-1, 1])

@@ -16,8 +16,7 @@ from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.experiment.settings import Settings
 from simtune.fit import FitConfig, Refits
-from simtune.fit.motion.particles import ParticleConfig
-from simtune.tuning.fit_stage import FitStage
+from simtune.tuning.fitting import Fitting
 from simtune.tuning.readings.estimate import search_of
 from simtune.tuning.readings.first import ReadingsFirst, seconds_for
 from simtune.tuning_run import tune
@@ -40,7 +39,7 @@ def settings(tiny, quick) -> Settings:
         least_updates=10,
         planned_refits=4,
         most_refits=8,
-        fit=FitConfig(particles=ParticleConfig(num=96)),
+        fit=FitConfig(num_particles=96),
     )
     return replace(quick, search=search)
 
@@ -72,13 +71,13 @@ def run_s(out: Path, settings: Settings, machine: SlowMachine, seconds: float) -
 @pytest.fixture
 def refitted(monkeypatch) -> list[Refits]:
     """What each round's refits showed."""
-    made, run = [], FitStage.refit
+    made, run = [], Fitting.refit
 
     def watched(*given) -> Refits:
         made.append(run(*given))
         return made[-1]
 
-    monkeypatch.setattr(FitStage, "refit", watched)
+    monkeypatch.setattr(Fitting, "refit", watched)
     return made
 
 

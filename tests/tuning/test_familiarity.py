@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.simulated import FilmedWorlds
 from simtune.tuning import familiarity
-from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.familiarity import (
     NOT_STRANGE,
@@ -14,6 +13,7 @@ from simtune.tuning.familiarity import (
     doubted,
     measure_strangeness,
 )
+from simtune.tuning.learning import Detected, HeldOut
 from simtune.verdicts import Verdict
 from simtune.vision.detections import Detections
 
@@ -41,7 +41,7 @@ def detected(places: np.ndarray) -> Detections:
 def held_out(rng: np.random.Generator, error: float) -> HeldOut:
     """Forty pictures of worlds, in which the detector is off by `error` pixels."""
     seen = falling(8, rng)[:, :5]
-    worlds = SimulatedWorlds(
+    worlds = FilmedWorlds(
         parameters=np.zeros((8, 1)),
         actions=np.zeros((8, 1, STEPS, 1)),
         keypoints=np.repeat(seen[:, None], 1, 1),

@@ -13,7 +13,7 @@ from test_bootstrap import a_fit
 from simtune.fit import READINGS, Observed, StateEstimator, states_in_late_pictures
 from simtune.networks.training import TrainingClock
 from simtune.observation import AllEvidence, JointReadings, JointSensor, ObservationModel
-from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.simulated import FilmedWorlds
 from simtune.simulation import StateSpace, random_actions
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
@@ -67,7 +67,7 @@ def test_held_out_worlds_lack_the_readings_that_real_episodes_lack():
         for its in (np.arange(7.0)[:, None], np.where(np.arange(7) > 4, np.nan, 1.0)[:, None])
     ]
     begins, none = np.array([0, 1, 3, 3]), np.zeros(0)
-    worlds = SimulatedWorlds(
+    worlds = FilmedWorlds(
         none, none, none, np.zeros((4, 4, 1, 1, 3)), begins, none, {"encoders": np.ones((4, 4, 1))}
     )
     found = _with_gaps(worlds, real)["encoders"][..., 0]

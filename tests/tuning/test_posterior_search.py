@@ -14,6 +14,7 @@ from search_context import CARTPOLE, SIZE, SPACE, START, STEPS, context_of, reco
 
 from simtune.budget import Budget
 from simtune.errors import InputError
+from simtune.experiment.search_settings import make_search
 from simtune.fit import PointEstimate
 from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
@@ -22,11 +23,9 @@ from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning import familiarity
-from simtune.tuning.detected import Detected
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.learning import LearningResult
-from simtune.tuning.make_search import make_search
+from simtune.tuning.learning import Detected, LearningResult
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.rounds import RoundTime

@@ -7,7 +7,8 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.edges import doubted_at_edges, leads_beyond, out_of_reach
 from simtune.tuning.range_update import (
-    RangeUpdateConfig,
+    MARGIN,
+    SMALLEST_SHARE,
     read_curves,
     update_range,
 )
@@ -22,8 +23,6 @@ from simtune.tuning.survival_curves import (
 from simtune.verdicts import IDENTIFIED_SHARE, WEAK_SHARE
 
 GRID = candidate_grid()
-CONFIG = RangeUpdateConfig()
-NET_WEIGHT = CONFIG.posterior_net_weight
 
 
 def a_parameter(name: str, low: float, high: float, scale: str = "linear") -> Parameter:
@@ -70,25 +69,25 @@ def test_a_curve_at_the_edge_of_what_networks_saw_is_not_called_identified():
     curves = normal_curves(np.array([0.5, 1.02]), np.array([0.01, 0.01]))
     read = read_curves(curves, FIRST, FIRST)
     assert read.verdict == ["identified", "identified"]
-    _, events = update_range(curves, FIRST, FIRST, CONFIG)
+    _, events = update_range(curves, FIRST, FIRST)
     doubted = doubted_at_edges(read, events)
     assert doubted.verdict == ["identified", "weak"]
     (warning,) = doubted.warnings
     assert "beyond the range that was searched of mass," in warning
-    _, inside = update_range(normal_curves(np.full(2, 0.5), np.full(2, 0.01)), FIRST, FIRST, CONFIG)
+    _, inside = update_range(normal_curves(np.full(2, 0.5), np.full(2, 0.01)), FIRST, FIRST)
     assert doubted_at_edges(read, inside) is read
 
 
 def test_another_round_leads_beyond_what_a_fit_could_not_follow():
     """A fit at 1.2 is within the grid, and one at 1.4 is not; the bound of red is at 1."""
     for location, is_beyond in ((1.2, False), (1.4, True)):
-        curves = with_fit(flat(), np.full(2, location), np.full(2, 0.01), NET_WEIGHT)
+        curves = with_fit(flat(), np.full(2, location), np.full(2, 0.01))
         np.testing.assert_array_equal(out_of_reach(curves, FIRST), [0, is_beyond])
-        _, events = update_range(curves, FIRST, FIRST, CONFIG)
+        _, events = update_range(curves, FIRST, FIRST)
         assert leads_beyond(curves, FIRST, events, is_fitted=True) == is_beyond
         assert leads_beyond(curves, FIRST, events, is_fitted=False)
         assert not leads_beyond(curves, FIRST, [], is_fitted=False)
-    below = with_fit(flat(), np.full(2, -0.4), np.full(2, 0.01), NET_WEIGHT)
+    below = with_fit(flat(), np.full(2, -0.4), np.full(2, 0.01))
     np.testing.assert_array_equal(out_of_reach(below, FIRST), [0, -1])
 
 
@@ -156,7 +155,7 @@ def test_estimate_reads_curves_along_each_parameters_scale():
 @pytest.mark.parametrize("std", [2e-4, 2e-3])
 def test_a_sharp_fit_is_read_as_it_is(std, share):
     mean = 0.75 + share * (GRID[1] - GRID[0]) * np.ones(2)
-    estimate = read_curves(with_fit(flat(), mean, np.full(2, std), NET_WEIGHT), FIRST, FIRST)
+    estimate = read_curves(with_fit(flat(), mean, np.full(2, std)), FIRST, FIRST)
     found = [FIRST.to_range_unit(v)[0] for v in (estimate.low, estimate.mean, estimate.high)]
     # The posterior network's few percent lie beside it, and widen it.
     middle, width = found[1], found[2] - found[0]
@@ -176,14 +175,14 @@ def test_interval_of_a_fit_beyond_the_grid_reaches_the_bound():
     # mass: the grid's end is 3^1.5 = 5.2, the bound 100.
     posterior_net, mean = flat(), np.array([0.5, 1.3])
     estimate = read_curves(
-        with_fit(posterior_net, mean, np.array([0.005, 0.025]), NET_WEIGHT),
+        with_fit(posterior_net, mean, np.array([0.005, 0.025])),
         FIRST,
         FIRST,
     )
     assert estimate.verdict == ["identified", "not identifiable"]
     assert estimate.low[1] <= 3**1.6 <= estimate.high[1] == 100
     below = read_curves(
-        with_fit(posterior_net, 1 - mean, np.full(2, 0.025), NET_WEIGHT),
+        with_fit(posterior_net, 1 - mean, np.full(2, 0.025)),
         FIRST,
         FIRST,
     )
@@ -192,11 +191,11 @@ def test_interval_of_a_fit_beyond_the_grid_reaches_the_bound():
 
 
 def test_range_widens_to_a_fit_beyond_its_edge_though_the_posterior_network_is_flat():
-    curves = with_fit(flat(), np.array([0.5, 1.15]), np.full(2, 0.01), NET_WEIGHT)
-    moved, events = update_range(curves, FIRST, FIRST, CONFIG)
+    curves = with_fit(flat(), np.array([0.5, 1.15]), np.full(2, 0.01))
+    moved, events = update_range(curves, FIRST, FIRST)
     assert moved.low[1] <= 3**1.3 <= moved.high[1]
     assert ("widened", "mass") in {(event.event, event.parameter) for event in events}
-    assert update_range(flat(), FIRST, FIRST, CONFIG)[1] == [], "that alone is no reason"
+    assert update_range(flat(), FIRST, FIRST)[1] == [], "that alone is no reason"
 
 
 def test_verdicts_go_by_the_interval_within_the_first_range():
@@ -217,8 +216,8 @@ def test_verdicts_go_by_the_interval_within_the_first_range():
 
 
 def test_sharp_curve_narrows_the_range_around_its_median():
-    moved, events = update_range(logistic([0.6, 0.35], 0.015), FIRST, FIRST, CONFIG)
-    half = CONFIG.margin * 0.015 * np.log(99)
+    moved, events = update_range(logistic([0.6, 0.35], 0.015), FIRST, FIRST)
+    half = MARGIN * 0.015 * np.log(99)
     np.testing.assert_allclose(moved.mean, [0.6, 3**-0.3], rtol=1e-3)
     expected = 0.6 - half, 0.6 + half
     np.testing.assert_allclose([moved.low[0], moved.high[0]], expected, atol=3e-3)
@@ -232,7 +231,7 @@ def test_sharp_curve_narrows_the_range_around_its_median():
 
 def test_flat_curve_keeps_the_range():
     distribution = narrowed_to([0.2, 0.5], [0.6, 2.0])
-    moved, events = update_range(flat(), distribution, FIRST, CONFIG)
+    moved, events = update_range(flat(), distribution, FIRST)
     np.testing.assert_allclose(moved.low, distribution.low, rtol=1e-9)
     np.testing.assert_allclose(moved.high, distribution.high, rtol=1e-9)
     np.testing.assert_allclose(moved.mean, [0.4, 1.0], rtol=1e-6)
@@ -242,9 +241,7 @@ def test_flat_curve_keeps_the_range():
 @pytest.mark.parametrize("side", [-1, 1])
 def test_truth_at_the_edge_widens_the_range_there(side):
     distribution = narrowed_to([0.4, 0.8], [0.6, 1.25])
-    moved, events = update_range(
-        logistic([0.5 + 0.485 * side] * 2, 0.025), distribution, FIRST, CONFIG
-    )
+    moved, events = update_range(logistic([0.5 + 0.485 * side] * 2, 0.025), distribution, FIRST)
     if side > 0:
         assert (moved.high > distribution.high).all()
         assert (moved.low > distribution.low).all()  # where it is not is ruled out still
@@ -261,7 +258,7 @@ def test_ranges_reach_a_truth_far_beyond_the_edge(side):
     distribution = narrowed_to([0.4, 0.8], [0.6, 1.25])
     for _ in range(6):
         location = distribution.to_range_unit(truth)
-        distribution, _ = update_range(logistic(location, 0.015), distribution, FIRST, CONFIG)
+        distribution, _ = update_range(logistic(location, 0.015), distribution, FIRST)
     assert (distribution.low < truth).all()
     assert (truth < distribution.high).all()
     np.testing.assert_allclose(distribution.mean, truth, rtol=0.02)
@@ -269,7 +266,7 @@ def test_ranges_reach_a_truth_far_beyond_the_edge(side):
 
 def test_ranges_end_at_the_bounds():
     distribution = narrowed_to([0.7, 40.0], [1.0, 100.0])
-    moved, events = update_range(logistic([1.15, 1.15], 0.01), distribution, FIRST, CONFIG)
+    moved, events = update_range(logistic([1.15, 1.15], 0.01), distribution, FIRST)
     np.testing.assert_allclose(moved.high, SPACE.high)
     np.testing.assert_allclose(moved.mean, SPACE.high)
     assert (moved.low < SPACE.high).all()
@@ -283,8 +280,8 @@ def share_of_first(distribution: Distribution) -> np.ndarray:
 def test_no_range_gets_narrower_than_its_smallest_share():
     distribution = FIRST
     for _ in range(5):
-        distribution, _ = update_range(logistic([0.5, 0.5], 5e-5), distribution, FIRST, CONFIG)
-    np.testing.assert_allclose(share_of_first(distribution), CONFIG.smallest_share, rtol=1e-6)
+        distribution, _ = update_range(logistic([0.5, 0.5], 5e-5), distribution, FIRST)
+    np.testing.assert_allclose(share_of_first(distribution), SMALLEST_SHARE, rtol=1e-6)
 
 
 def test_no_range_gets_narrower_than_its_smallest_share_at_an_edge_or_a_bound():
@@ -292,9 +289,9 @@ def test_no_range_gets_narrower_than_its_smallest_share_at_an_edge_or_a_bound():
         distribution = FIRST
         for _ in range(3):
             distribution, _ = update_range(
-                logistic([location, location], 5e-5), distribution, FIRST, CONFIG
+                logistic([location, location], 5e-5), distribution, FIRST
             )
-            assert (share_of_first(distribution) > CONFIG.smallest_share * 0.999).all(), location
+            assert (share_of_first(distribution) > SMALLEST_SHARE * 0.999).all(), location
 
 
 def test_any_curves_leave_a_range_that_can_be_searched():
@@ -311,10 +308,10 @@ def test_any_curves_leave_a_range_that_can_be_searched():
             estimate = read_curves(curves, distribution, FIRST)
             assert (estimate.low <= estimate.mean).all()
             assert (estimate.mean <= estimate.high).all()
-            distribution, events = update_range(curves, distribution, FIRST, CONFIG)
+            distribution, events = update_range(curves, distribution, FIRST)
             for values in (distribution.low, distribution.mean, distribution.high):
                 np.testing.assert_array_equal(values, SPACE.clip(values))
-            assert (share_of_first(distribution) > CONFIG.smallest_share * 0.999).all()
+            assert (share_of_first(distribution) > SMALLEST_SHARE * 0.999).all()
             assert (distribution.low <= distribution.mean).all()
             assert (distribution.mean <= distribution.high).all()
             assert {e.event for e in events} <= {"widened", "narrowed"}
@@ -323,6 +320,6 @@ def test_any_curves_leave_a_range_that_can_be_searched():
 def test_update_range_changes_none_of_its_arguments():
     curves = logistic([0.95, 0.6], 0.025)
     before = curves.copy()
-    update_range(curves, FIRST, FIRST, CONFIG)
+    update_range(curves, FIRST, FIRST)
     np.testing.assert_array_equal(curves, before)
     np.testing.assert_array_equal(FIRST.mean, [0.5, 1.0])

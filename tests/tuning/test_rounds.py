@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ from search_context import SPACE, context_of, record_episodes
 
 from simtune.budget import Budget, OutOfTime
 from simtune.fit import FitConfig, FitWork, PointEstimate, ReplayFit, count_fit_steps
-from simtune.fit.motion.particles import ParticleConfig
 from simtune.fit.motion.shooting_config import ShootingConfig, Stage
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, dynamics
@@ -19,14 +18,14 @@ from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.tuning.estimate import Estimate
-from simtune.tuning.fit_stage import FitStage
 from simtune.tuning.fitting import Fitted, Fitting
 from simtune.tuning.judging import Judging
-from simtune.tuning.pace import Pace, RoundTimes, Work, smallest
+from simtune.tuning.pace import Pace, Work, smallest
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.range_update import read_curves
 from simtune.tuning.refit_plan import RefitPlan
+from simtune.tuning.round_times import RoundTimes
 from simtune.tuning.rounds import Rounds, gains_nothing, half_widths, is_precise, plan_round
 from simtune.tuning.survival_curves import normal_curves
 from simtune.vision.detector_noise import DetectorNoise
@@ -118,13 +117,13 @@ def test_a_search_with_a_single_known_world_goes_on_with_a_larger_budget(
 ):
     real, learned, judged = first_round
     refits = replace(
-        judged.rounds.refits,
-        misfits=judged.rounds.refits.misfits[:1] * num_known,
+        judged.earlier.refits,
+        misfits=judged.earlier.refits.misfits[:1] * num_known,
         num_diverged=num_diverged,
     )
-    rounds = replace(judged.rounds, refits=refits)
+    earlier = replace(judged.earlier, refits=refits)
     monkeypatch.setattr(PosteriorSearch, "_learn", lambda *_: learned)
-    monkeypatch.setattr(Judging, "judge", lambda *_: judged._replace(rounds=rounds))
+    monkeypatch.setattr(Judging, "judge", lambda *_: judged._replace(earlier=earlier))
     for for_policy in (False, True):
         config = replace(tiny, num_rounds=1, precision=1e9, for_policy=for_policy)
         search = PosteriorSearch(context_of(simulator), replace(config, most_refits=most))
@@ -296,27 +295,30 @@ def test_a_fit_is_done_again_where_the_detector_errs_otherwise_at_its_colours(
     monkeypatch, simulator, tiny
 ):
     """Known worlds are then found with the errors of that second test as well."""
-    fits, measured, fit, differs = [], [], FitStage.fit, iter([True, False])
+    fits, measured, fit, differs = [], [], Fitting._fit, iter([True, False])
 
-    def remember(self, observed, start, *given):
-        fits.append((self.observing.noise, start, fit(self, observed, start, *given)))
+    def remember(self, replay_fit, observed, start, *given):
+        noise_px = observed.evidence.parts[0].noise_px
+        fits.append((noise_px, start, fit(self, replay_fit, observed, start, *given)))
         return fits[-1][-1]
 
     def is_off(self, other):
         measured.append((self, other))
         return next(differs)
 
-    monkeypatch.setattr(FitStage, "fit", remember)
+    monkeypatch.setattr(Fitting, "_fit", remember)
     monkeypatch.setattr(DetectorNoise, "is_off", is_off)
     colours = SPACE.is_appearance
     for is_repeated in (True, False):
         search = PosteriorSearch(context_of(simulator), replace(tiny, num_rounds=1))
         search.run_round(record_episodes(simulator, 1), Budget())
         (new, old), (first, start, found) = measured[-1], fits[0]
-        assert (len(fits), old) == (1 + is_repeated, first)
+        assert len(fits) == 1 + is_repeated
+        np.testing.assert_array_equal(first, old.usual_px)
+        assert (new.usual_px != old.usual_px).any()
         if is_repeated:
-            noise, again, _ = fits[1]
-            assert noise is new
+            noise_px, again, _ = fits[1]
+            np.testing.assert_array_equal(noise_px, new.usual_px)
             np.testing.assert_array_equal(again.parameters[colours], found.parameters[colours])
             np.testing.assert_array_equal(again.parameters[~colours], start.parameters[~colours])
         fits.clear()
@@ -338,12 +340,8 @@ def test_a_fit_is_done_again_only_if_that_leaves_time_to_judge_it(left_s, is_fil
         def observed(self, *detected):
             return detected
 
-    @dataclass(frozen=True)
-    class LateStage:
-        observing: FakeObserving
-
-        def fit(self, *given):
-            raise OutOfTime
+    def fit_late(*given):
+        raise OutOfTime
 
     found = SimpleNamespace(
         parameters=np.ones(2), std=np.array([0.01, 0.02]), is_moving=np.array([True, False])
@@ -353,8 +351,10 @@ def test_a_fit_is_done_again_only_if_that_leaves_time_to_judge_it(left_s, is_fil
         learning=SimpleNamespace(film_near=film_near),
         finds_latency=True,
         learned=SimpleNamespace(detected=()),
+        _fit=fit_late,
     )
-    fitted = Fitted(found, LateStage(FakeObserving("measured first")), 20.0)
+    before: Any = FakeObserving("measured first")
+    fitted = Fitted(found, cast(Any, None), before, 20.0)
     assert Fitting.again(cast(Fitting, fitting), fitted, Budget(left_s)) is fitted
     assert filmed == [[0.3, 0.02]] * is_filmed
 
@@ -375,9 +375,7 @@ def test_known_worlds_are_filmed_in_time_as_well(picture_s, left_s, refits):
 # --- how long a round takes ---------------------------------------------------------------
 
 STAGES = (Stage(4, 3, 2.0), Stage(10, 2))
-FIT = FitConfig(
-    particles=ParticleConfig(num=50), shooting=ShootingConfig(stages=STAGES, num_windows=30)
-)
+FIT = FitConfig(num_particles=50, shooting=ShootingConfig(stages=STAGES, num_windows=30))
 SEARCH = PosteriorSearchConfig(
     num_worlds=100,
     episodes_per_world=4,
@@ -412,17 +410,15 @@ def test_steps_of_a_fit_by_hand():
 
 def test_a_smaller_fit_keeps_the_fewest_that_tell_anything():
     def size(config: FitConfig) -> tuple[int, int]:
-        return config.particles.num, config.shooting.num_windows
+        return config.num_particles, config.shooting.num_windows
 
-    config = FitConfig(
-        particles=ParticleConfig(num=200), shooting=ShootingConfig(stages=STAGES, num_windows=90)
-    )
+    config = FitConfig(num_particles=200, shooting=ShootingConfig(stages=STAGES, num_windows=90))
     assert size(config.at_most(100, 36)) == (100, 36)
     assert config.at_most(100, 36).shooting.stages == STAGES
     assert size(config.at_most(40, 18)) == (40, 20)
     assert size(config.at_most(0, 0)) == (32, 20)
     assert config.at_most(300, 100) == config
-    few = FitConfig(particles=ParticleConfig(num=8), shooting=ShootingConfig(num_windows=6))
+    few = FitConfig(num_particles=8, shooting=ShootingConfig(num_windows=6))
     assert few.at_most(0, 0) == few, "no more than were asked for"
     assert size(config.least()) == (16, 12)
     assert size(config.least(50)) == (50, 12)

@@ -22,7 +22,7 @@ from simtune.config import RealConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment import enough_time, outcome, recording_checks
 from simtune.experiment.experiment import build_experiment
-from simtune.experiment.search_settings import choose_search_settings
+from simtune.experiment.search_settings import choose_search_settings, make_search
 from simtune.observation import ObservationModel
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.parameters.values_file import read_parameters
@@ -37,7 +37,6 @@ from simtune.tasks import load_task
 from simtune.trajectory import Trajectory, seen_late
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import NUM_DRAWS
-from simtune.tuning.make_search import make_search
 from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import Event, Round, TimeNeeded

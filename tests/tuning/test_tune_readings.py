@@ -40,17 +40,18 @@ from simtune.fit.elimination import NormalEquations
 from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.normal_equations import jackknife, jackknife_std
+from simtune.fit.readings.segments import Segments
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace, dynamics
 from simtune.randomization import Distribution
-from simtune.report.data import RunData
 from simtune.run.files import read_json, write_json
+from simtune.run_data import RunData
 from simtune.simulation import Simulator
 from simtune.tasks import load_task
 from simtune.trajectory import Trajectory
 from simtune.tuning.readings.agreement import BestDescent
 from simtune.tuning.readings.horizons import Latency
-from simtune.tuning.readings.search import ReadingsConfig, ReadingsSearch
+from simtune.tuning.readings.search import ReadingsSearch
 from simtune.tuning.readings.verdict import ReadingsResult, _along_sums, conclude
 from simtune.tuning.readings.warnings import Unmeasured
 from simtune.tuning_run import tune
@@ -131,7 +132,7 @@ def test_two_that_do_the_same_are_not_told_apart_by_their_own_curvature(tmp_path
     loop = set_up_loop(context.simulator, context.observation, context.start)
     readings = Readings.of(experiment.recordings, loop.sensors)
     unit, whole = experiment.space.to_unit(context.start), readings.actions.shape[1]
-    stretches = loop.cut(readings, unit, np.zeros(2), whole, 9)
+    stretches = loop.cut(readings, unit, segments=Segments.evenly(readings, whole, 9))
     start_std = loop.measured.start_std(np.full(2, 0.002), stretches)
     of_kv, of_damping = names.index("shoulder_kv"), names.index("damping")
     share = context.start[of_kv] / context.start[of_damping]  # both scales are logarithmic
@@ -228,7 +229,7 @@ def test_a_delay_that_nobody_declared_is_found_between_steps_too(truth: Path, tm
     its_truth.write_text(json.dumps({**TRUTH, "delay": 3.4 * 0.05}))
     real = pseudo(late, its_truth, tmp_path / "late").recordings
     experiment = pseudo(write_arm(tmp_path), truth, tmp_path / "run")
-    observation = replace(experiment.context.observation, max_latency_steps=2)
+    observation = as_recorded(experiment)
     context = replace(experiment.context, observation=observation)
     found = type(experiment.search)(context).run_round(real, Budget()).estimate
     late_s = 0.05 * found.latency_steps + found.readings_late_s[0]
@@ -593,7 +594,7 @@ def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
         ("behind_backlash = true", r"none of the joints has one: declare \[\[backlash\]\]"),
         ('unit = "mm"', "mm is no unit of shoulder"),
         ("noise = 0", "noise must be a finite number above 0, got 0"),
-        ("latency_s = 2.0", r"latency_s must lie in \[0, 1\] s, got 2"),
+        ("latency_s = 2.0", "latency_s must be .* of at least 0 and at most 1, got 2"),
         ('columns = ["a", "b", "c"]', "expected 2 columns, one for each joint, .* got 3"),
         ('quantity = "torque"', "'torque'.*there are: position, velocity"),
         ('quantities = "position"', "quantities"),
@@ -776,7 +777,7 @@ def test_a_search_of_readings_is_over_only_if_no_time_was_lacking(
     experiment, num = pseudo(write_arm(tmp_path), truth, tmp_path / "run"), len(TRUTH)
     fit = fit_of(experiment, std**2 * np.eye(num), np.zeros(num), **facts)
     monkeypatch.setattr(ReadingsSearch, "fit", lambda *_: fit)
-    search = ReadingsSearch(experiment.context, ReadingsConfig(precision=precision))
+    search = ReadingsSearch(experiment.context, precision)
     estimate = search.run_round(experiment.recordings, Budget()).estimate
     assert search.stop_reason == reason
     assert any("more minutes" in warning for warning in estimate.warnings) == (not reason)

@@ -13,7 +13,7 @@ from simtune.budget import Budget
 from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import SimulatedWorlds, play_worlds, whole_sets
+from simtune.search_param_model.simulated import FilmedWorlds, play_worlds, whole_sets
 from simtune.simulation import Rollouts, Simulator
 from simtune.trajectory import Trajectory, delayed
 from simtune.tuning.world_sampler import WorldSampler
@@ -133,7 +133,7 @@ def test_worlds_of_several_chunks_are_all_there_and_each_is_whole(monkeypatch, s
     np.testing.assert_array_equal(worlds.actions[69], last.actions[10:12])
     keypoints = worlds.keypoints[69].reshape(2, STEPS + 1, -1)
     np.testing.assert_array_equal(keypoints, last.observed[10:12])
-    assert worlds.frames.size == 0
+    assert not isinstance(worlds, FilmedWorlds)
     assert len(pictures.frames) == len(pictures.keypoints) == len(pictures.parameters) == 4 * 130
 
 
@@ -142,7 +142,7 @@ def test_joined_worlds_have_the_readings_of_all(simulator, real):
     parts = [sampler.film(real, FIRST, num, 4, Budget()) for num in (5, 4)]
     measured = [np.full((num, 4, 1), float(num)) for num in (5, 4)]
     parts = [replace(p, readings={"angle": m}) for p, m in zip(parts, measured, strict=True)]
-    joined = SimulatedWorlds.joined(parts)
+    joined = FilmedWorlds.joined(parts)
     np.testing.assert_array_equal(joined.readings["angle"], np.concatenate(measured))
     np.testing.assert_array_equal(joined.frames[5:], parts[1].frames)
 

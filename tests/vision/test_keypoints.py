@@ -18,7 +18,7 @@ from simtune.parameters import (
     field_of_view,
 )
 from simtune.randomization import Distribution
-from simtune.simulation import Simulator
+from simtune.simulation import PictureSettings, Simulator
 from simtune.simulation.rendering.renderer import make_renderer
 from simtune.simulation.worlds import Worlds
 from simtune.tasks import TASKS, load_any_task, load_task
@@ -110,7 +110,7 @@ def test_keypoints_are_where_the_picture_shows_them():
     batch.forward()
     keypoints = candidate_keypoints(model, [View("oblique")], SIZE)
     assert keypoints.geoms.tolist() == [model.geom("ball").id]
-    renderer = make_renderer("raycaster", model, BALL_SPACE, "oblique", (SIZE, SIZE))
+    renderer = make_renderer(model, BALL_SPACE, View("oblique"), PictureSettings(image_size=SIZE))
     frames = renderer.render(batch.state, np.tile(BALL_SPACE.nominal, (6, 1)))
     red = frames[..., 0].astype(float) * (frames[..., 0] > 100)
     weight = red / red.sum((1, 2), keepdims=True)
@@ -139,7 +139,7 @@ def test_keypoints_follow_a_camera_of_another_pose_and_field_of_view():
         batch.qpos[:, :3] = 0.1, 0, 0.5
 
     worlds.reset(parameters, start, rng)
-    frames = make_renderer("raycaster", model, space, "oblique", (SIZE, SIZE)).render(
+    frames = make_renderer(model, space, View("oblique"), PictureSettings(image_size=SIZE)).render(
         worlds.state, parameters
     )
     red = frames[..., 0].astype(float) * (frames[..., 0] > 100)

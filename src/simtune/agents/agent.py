@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 import torch
 
-from simtune.replay import Replay
+from simtune.replay_buffer import ReplayBuffer
 from simtune.vision.image_noise import ImageNoise
 
 
@@ -71,11 +71,11 @@ class Agent(Protocol):
         """
         ...
 
-    def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
+    def explore(self, observation: Observation, replay: ReplayBuffer) -> np.ndarray:
         """(n, A) actions in simulated worlds, to learn from; it may learn from earlier ones."""
         ...
 
-    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
+    def update(self, replay: ReplayBuffer, num_steps: int) -> dict[str, float]:
         """Note `num_steps` newly collected steps; losses to be logged, always the same keys.
 
         The agent decides on the number of updates, and whether they are done here or while it

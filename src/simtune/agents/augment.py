@@ -1,4 +1,4 @@
-"""Crops and shifts of stacked frames, on their own device, without waiting for the host.
+"""Crops of stacked frames, on their own device, without waiting for the host.
 
 All frames of a stack move together, or the motion between them would be lost. Each stack's offset
 is drawn uniformly from a generator of the frames' device.
@@ -22,14 +22,6 @@ def centre_crop(frames: torch.Tensor, size: int) -> torch.Tensor:
     _check(frames, size)
     top, left = ((side - size) // 2 for side in frames.shape[2:4])
     return frames[:, :, top : top + size, left : left + size]
-
-
-def random_shift(frames: torch.Tensor, pad: int, generator: torch.Generator) -> torch.Tensor:
-    """(B, K, H, H, 3) uint8, shifted by up to `pad` pixels with repeated edges (DrQ-v2)."""
-    for axis in (2, 3):
-        first, last = (frames.narrow(axis, i, 1) for i in (0, frames.shape[axis] - 1))
-        frames = torch.cat([first] * pad + [frames] + [last] * pad, axis)
-    return random_crop(frames, frames.shape[2] - 2 * pad, generator)
 
 
 def crop(frames: torch.Tensor, top: torch.Tensor, left: torch.Tensor, size: int) -> torch.Tensor:

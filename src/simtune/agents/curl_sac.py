@@ -37,7 +37,7 @@ from simtune.agents.pixel_networks import (
 from simtune.agents.saving import Stateful
 from simtune.networks.layers import autocast, seeded
 from simtune.networks.pixel_encoder import NUM_FEATURES, PixelEncoder
-from simtune.replay import Transitions
+from simtune.replay_buffer import Transitions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from simtune.agents.agent import Observation
 from simtune.agents.noise import uniform_actions
 from simtune.agents.saving import Stateful, gather_tensors, scatter_tensors
 from simtune.networks.cuda_graph import Step, graphed
-from simtune.replay import Replay, Transitions
+from simtune.replay_buffer import ReplayBuffer, Transitions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +94,7 @@ class PixelAgent(ABC):
         self._counter = Counter(random_steps=config.random_steps, update_every=config.update_every)
         self._use_graphs = use_graphs
         self._adam = partial(torch.optim.Adam, fused=True, capturable=self.device.type == "cuda")
-        self._replay: Replay | None = None  # that captured updates draw from
+        self._replay: ReplayBuffer | None = None  # that captured updates draw from
         self._losses: list[torch.Tensor] = []  # of the updates since the last log
         self._begin_steps()
 
@@ -133,7 +133,7 @@ class PixelAgent(ABC):
     def _stateful(self) -> Stateful:
         """All that a checkpoint must hold."""
 
-    def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
+    def explore(self, observation: Observation, replay: ReplayBuffer) -> np.ndarray:
         """As `act` samples, after the first `random_steps` of all worlds together."""
         frames = observation.frames
         assert frames is not None
@@ -145,7 +145,7 @@ class PixelAgent(ABC):
         self._update(replay, self._counter.beside(len(frames)))
         return actions
 
-    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
+    def update(self, replay: ReplayBuffer, num_steps: int) -> dict[str, float]:
         """See `Agent`; means of losses, NaN without any."""
         self._update(replay, self._counter.num_due)  # usually none is left
         self._counter.collect(num_steps)
@@ -153,10 +153,10 @@ class PixelAgent(ABC):
         self._losses = []
         return dict(zip(self.losses, losses.nanmean(0).tolist(), strict=True))
 
-    def _update(self, replay: Replay, num: int) -> None:
+    def _update(self, replay: ReplayBuffer, num: int) -> None:
         """Updates on batches of the replay, which the host does not wait for on a GPU.
 
-        None while the replay is empty: a search may have dropped all its episodes as too far.
+        None while no filmed step is stored.
         """
         if not replay.num_filmed_steps:
             return

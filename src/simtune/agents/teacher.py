@@ -19,7 +19,7 @@ from torch.nn import functional
 from simtune.agents.noise import disturbed
 from simtune.agents.pixel_networks import move_towards
 from simtune.networks.layers import Standardizer, frozen, mlp
-from simtune.replay import Transitions
+from simtune.replay_buffer import Transitions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from simtune.agents.teacher import Teacher
 from simtune.agents.teaching_schedule import TeacherStudentConfig, TeachingSchedule
 from simtune.networks.cuda_graph import graphed, make_capturable
 from simtune.networks.layers import seeded, under
-from simtune.replay import Replay, Transitions, in_parts
+from simtune.replay_buffer import ReplayBuffer, Transitions, in_parts
 
 # What a teacher learns from, of `Transitions`
 _TAUGHT_FIELDS = ("states", "actions", "rewards", "discounts", "next_states", "parameters")
@@ -85,7 +85,7 @@ class TeacherStudent:
         self._latest = torch.zeros(0, self._num_latest)  # actions in n worlds, the newest first
         self.student.forget()
 
-    def explore(self, observation: Observation, replay: Replay) -> np.ndarray:
+    def explore(self, observation: Observation, replay: ReplayBuffer) -> np.ndarray:
         """The teacher alone if nothing is filmed; else the student, more and more."""
         states = torch.from_numpy(observation.state).to(self.device)
         if self.num_steps < self.config.random_steps:
@@ -101,7 +101,7 @@ class TeacherStudent:
             actions = self._disturbed(best, self._filmed_noise(len(best)))
         return actions.cpu().numpy()
 
-    def update(self, replay: Replay, num_steps: int) -> dict[str, float]:
+    def update(self, replay: ReplayBuffer, num_steps: int) -> dict[str, float]:
         """Train the teacher after episodes that were not filmed, the student after filmed ones."""
         filmed = self.wants_frames
         self.num_steps += num_steps
@@ -111,7 +111,7 @@ class TeacherStudent:
         losses = none | train(replay, num_steps)
         return {f"loss/{name}": float(loss) for name, loss in losses.items()}
 
-    def _train_teacher(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
+    def _train_teacher(self, replay: ReplayBuffer, num_steps: int) -> dict[str, torch.Tensor]:
         self.teacher.normalized.fit(self._sample(replay, _STANDARDIZED_STEPS).states)
         noise = torch.full((), self.teacher_noise, device=self.device)
         losses = torch.full((2,), torch.nan)
@@ -127,13 +127,15 @@ class TeacherStudent:
         known = Transitions(**dict(zip(_TAUGHT_FIELDS, batch, strict=True)))
         return self.teacher.update(known, noise, self._generator)
 
-    def _train_student(self, replay: Replay, num_steps: int) -> dict[str, torch.Tensor]:
+    def _train_student(self, replay: ReplayBuffer, num_steps: int) -> dict[str, torch.Tensor]:
         """Train its detector, then its head on what that sees in new and remembered episodes."""
         progress = self._schedule.progress(self.num_steps)
         detector = self._train_detector(replay, num_steps, progress)
         return {"detector": detector, "imitation": self._train_head(replay, num_steps, progress)}
 
-    def _train_detector(self, replay: Replay, num_steps: int, progress: float) -> torch.Tensor:
+    def _train_detector(
+        self, replay: ReplayBuffer, num_steps: int, progress: float
+    ) -> torch.Tensor:
         student, loss = self.student, torch.tensor(torch.nan)
         is_first = not student.num_updates
         for _ in range(self._schedule.num_detector_updates(num_steps, is_first)):
@@ -143,7 +145,7 @@ class TeacherStudent:
             loss = student.learn_to_see(frames, keypoints, positions, progress)
         return loss
 
-    def _train_head(self, replay: Replay, num_steps: int, progress: float) -> torch.Tensor:
+    def _train_head(self, replay: ReplayBuffer, num_steps: int, progress: float) -> torch.Tensor:
         student, loss = self.student, torch.tensor(torch.nan)
         slots = replay.latest_filmed(self.config.remembered_episodes)
         lengths = replay.lengths[slots].to(self.device)
@@ -172,7 +174,7 @@ class TeacherStudent:
         """(..., D) to (..., L): actions at the end of states, see `AgentSpec.max_delay_steps`."""
         return states[..., states.shape[-1] - self._num_latest :]
 
-    def _sample(self, replay: Replay, batch_size: int) -> Transitions:
+    def _sample(self, replay: ReplayBuffer, batch_size: int) -> Transitions:
         batch = replay.sample(batch_size, self._generator, with_frames=False)
         return replace(batch, parameters=batch.parameters[:, self._privileged])
 

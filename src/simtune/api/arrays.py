@@ -18,9 +18,9 @@ from simtune.run.files import sync_folder, write_atomically
 
 log = logging.getLogger(__name__)
 Episode = Mapping[str, ArrayLike]
-Record = Callable[[int], Episode]  # films an episode, counted from 0
+FilmEpisode = Callable[[int], Episode]  # films an episode, counted from 0
 EPISODES = "episodes"  # name of the folder that filmed ones are in
-RealLike = str | PathLike[str] | Sequence[Episode] | Record
+RealLike = str | PathLike[str] | Sequence[Episode] | FilmEpisode
 
 
 def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
@@ -53,7 +53,7 @@ def write_arrays(episodes: Sequence[Episode], folder: Path) -> Path:
     return out
 
 
-def film_once(record: Record, num: int, folder: Path) -> Path:
+def film_once(record: FilmEpisode, num: int, folder: Path) -> Path:
     """Film `num` episodes, e.g. of a robot, into FOLDER/episodes; returns that path.
 
     Each is written before the next one is filmed. If all are there, nothing is filmed, and what was

@@ -27,8 +27,8 @@ from simtune.config import RecordConfig, TrainConfig, TuneConfig
 from simtune.errors import InputError
 from simtune.experiment.finished import finished_result
 from simtune.progress import ProgressBar, ReportProgress, silent
-from simtune.report.read_run import read_finished
 from simtune.run.config import FILMED
+from simtune.run_data import read_finished
 from simtune.tasks import IN_PYTHON, AnyTask, load_any_task, with_model
 from simtune.threads import wait_passively
 

@@ -8,7 +8,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from simtune.api.arrays import EPISODES, RealLike, Record, film_once, write_arrays
+from simtune.api.arrays import EPISODES, FilmEpisode, RealLike, film_once, write_arrays
 from simtune.config import CheckConfig, RecordConfig, TrainConfig, TuneConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.experiment.outcome import asked
@@ -65,7 +65,7 @@ def _recordings(real: Any, folder: Path, num: int | None) -> Any:
     if real is None or isinstance(real, str | PathLike):
         return real
     if callable(real):
-        return film_once(cast(Record, real), num or _NUM_FILMED, folder)
+        return film_once(cast(FilmEpisode, real), num or _NUM_FILMED, folder)
     return write_arrays(real, folder)
 
 

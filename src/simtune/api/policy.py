@@ -55,7 +55,7 @@ class Policy:
                 f"expected a picture {self._shape}, as at this episode's start, got "
                 f"{picture.shape}: call reset before an episode of another size"
             )
-        seen = footage.fit(picture, (size, size))
+        seen = footage.as_pinhole(picture, (size, size))
         self._shape = picture.shape
         most = self._latest.maxlen or 1
         self._latest.extend([seen] * (1 if self._latest else most))  # the first one stands alone

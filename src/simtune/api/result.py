@@ -22,8 +22,8 @@ from simtune.config import EvaluateConfig, ExportConfig, check_types
 from simtune.errors import InputError, UnknownName
 from simtune.export import draw_samples, export, tuned_model
 from simtune.names import ExportFormat
-from simtune.report.data import RunData
 from simtune.report.words import interval_label
+from simtune.run_data import RunData
 from simtune.tasks import with_model
 from simtune.threads import wait_passively
 

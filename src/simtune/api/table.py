@@ -5,7 +5,6 @@ from html import escape
 from typing import Any
 
 from simtune.columns import aligned
-from simtune.report.data import RunData
 from simtune.report.words import (
     MISSING,
     as_precise,
@@ -17,6 +16,7 @@ from simtune.report.words import (
     percent,
     unit,
 )
+from simtune.run_data import RunData
 from simtune.validate import is_number
 
 Rows = Sequence[Sequence[str]]

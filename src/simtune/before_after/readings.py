@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.fit import Lateness, OpenLoopReplay, Readings, recorded_loop, replay_whole
+from simtune.fit import OpenLoopReplay, Readings, recorded_loop, replay_whole
+from simtune.fit.lateness import late_unit
 from simtune.fit.physics import is_lost
-from simtune.fit.readings.stretches import Stretches, travel
+from simtune.fit.readings.readings import travel
+from simtune.fit.readings.segments import Stretches
 from simtune.fit.readings.whole_episodes import begin_whole, replay_from
-from simtune.observation import ObservationModel, joints_of, units_of
+from simtune.observation import ObservationModel, units_of
 from simtune.run.files import plain
 from simtune.simulation import AnySimulator
 from simtune.trajectory import Trajectory
@@ -95,13 +97,13 @@ def replay(
     tuned: Tuned,
 ) -> Replayed:
     """Replay each episode from its first readings, with `start` (N,) parameters and as tuned."""
-    joints, labels = joints_of(observation.sensors), observation.reading_labels
+    joints, labels = observation.sensors, observation.reading_labels
     readings, space = Readings.of(trajectories, joints), simulator.space
     loop = recorded_loop(simulator, observation, start, readings)
     before = replay_whole(loop, readings, space.to_unit(start), np.zeros(len(labels)))
     lost_before = _diverging(before, readings.values)
     offsets = np.array([tuned.offsets.get(label, 0.0) for label in labels])
-    unit = np.append(space.to_unit(tuned.mean), Lateness.unit(tuned.late_s / simulator.step_s))
+    unit = np.append(space.to_unit(tuned.mean), late_unit(tuned.late_s / simulator.step_s))
     loop, late = loop.with_lateness(), readings.delayed(tuned.latency_steps)
     begun = TunedReplay(loop, *begin_whole(loop, late, unit, offsets), unit)
     played = replay_from(loop, begun.whole, begun.states, unit, np.zeros(len(labels)))

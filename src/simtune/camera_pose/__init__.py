@@ -2,9 +2,9 @@
 
 find          `simtune check --camera-pose`, top to bottom
 scene         the task with a camera anywhere; what moves before it
-geometry      the camera: its pose, projection and derivatives
+geometry      the camera: its pose and projection
 robot         the robot in measured states: its outlines, and points on it
-film          the film's edges, of moving things and of the background
+edges         the film's edges, of moving things and of the background
 silhouettes   a first guess: where something moves, and where the robot does
 tracking      aligns the robot's outlines with the film's edges
 search        tracking from several starts

@@ -12,8 +12,7 @@ from simtune.camera_pose.robot import Outlines, Robot
 from simtune.cameras.lens import Lens
 
 _MAX_CORNER_BEND = 0.3  # |k1| r² there: straight lines bent by more are no lens's, or folded
-_DELTA = 1e-5  # of a direction, or a unit coordinate, for derivatives
-_NUM_POSE = 6  # parameters before the field of view, if it is tuned, and k1
+_DELTA = 1e-5  # of a direction, for derivatives
 
 
 @dataclass(frozen=True)
@@ -47,20 +46,6 @@ class BentGeometry:
         """(..., 2) pixels of the pinhole to those of the film."""
         directions = self._directions(unit, pixels)
         return self._pixels(unit, self.lens.bent(directions, self.k1(unit)))
-
-    def derivatives(self, unit: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(n, 2, P + 1) derivatives of the pixels of (n, 3) points by each unit coordinate."""
-        pixels = self.pinhole.project(unit[:-1], points)
-        by_unit = self.stretch(unit, pixels) @ self.pinhole.derivatives(unit[:-1], points)
-        # A field of view also changes how far from the axis a pixel is, as k1 has it.
-        others = [self._derivative(unit, points, i) for i in range(_NUM_POSE, len(unit))]
-        return np.concatenate([by_unit[..., :_NUM_POSE], *(its[..., None] for its in others)], 2)
-
-    def _derivative(self, unit: np.ndarray, points: np.ndarray, index: int) -> np.ndarray:
-        step = _DELTA * np.eye(len(unit))[index]
-        return (self.project(unit + step, points) - self.project(unit - step, points)) / (
-            2 * _DELTA
-        )
 
     def stretch(self, unit: np.ndarray, pixels: np.ndarray) -> np.ndarray:
         """(n, 2, 2) derivatives of `bend` by each of (n, 2) pixels."""
@@ -104,4 +89,4 @@ class BentRobot:
         height, width = self.geometry.pinhole.size
         inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(1)
         seen = drawn._replace(pixels=pixels, normals=normals)
-        return Outlines(*(its[inside] for its in seen))
+        return Outlines(*(values[inside] for values in seen))

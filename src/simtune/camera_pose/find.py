@@ -38,19 +38,19 @@ def find_camera_pose(config: CheckConfig, report: ReportProgress = silent) -> di
     config.check()
     budget = Budget(60 * config.budget_minutes, report)
     declared = load_task(config.task)
-    seen = observed(declared, config.observed, is_simulated=False)
-    if len(seen.cameras) != 1:
+    observation = observed(declared, config.observed, is_simulated=False)
+    if len(observation.cameras) != 1:
         raise InputError(
-            f"--camera-pose finds one camera at a time, here are {len(seen.cameras)}; name one "
-            "and the joints, as --observe NAME,joints"
+            f"--camera-pose finds one camera at a time, here are {len(observation.cameras)}; name "
+            "one and the joints, as --observe NAME,joints"
         )
-    looked_at = replace(declared, sensors=seen.sensors)
-    task = with_any_camera(looked_at, seen.cameras[0].footage, config)
+    looked_at = replace(declared, sensors=observation.sensors)
+    task = with_any_camera(looked_at, observation.cameras[0].footage, config)
     budget.report("reading the recordings")
     dataset = open_recordings(
-        config.real or "", task, config, config.image_size or _HEIGHT_PX, seen
+        config.real or "", task, config, config.image_size or _HEIGHT_PX, observation
     )
-    real = RecordedReal(dataset, seen.framed(dataset.aspects))
+    real = RecordedReal(dataset, observation.framed(dataset.aspects))
     trajectories = real.collect(config.episodes)
     result = find_pose(task, real.observation, trajectories, budget, config.seed)
     if config.camera_pose and result["is_found"]:
@@ -60,7 +60,7 @@ def find_camera_pose(config: CheckConfig, report: ReportProgress = silent) -> di
 
 def find_pose(
     task: Task,
-    seen: ObservationModel,
+    observation: ObservationModel,
     trajectories: list[Trajectory],
     budget: Budget,
     seed: int = 0,
@@ -68,11 +68,12 @@ def find_pose(
     """The same for a task `with_any_camera`, from trajectories with frames of the height to be
     compared.
     """
-    simulator, camera = task.simulator(image_size=1, views=()), seen.cameras[0].footage.camera
-    frames, states = _known(simulator, seen, trajectories)
+    simulator = task.simulator(image_size=1, views=())
+    camera = observation.cameras[0].footage.camera
+    frames, states = _known(simulator, observation, trajectories)
     size = (frames.shape[1], frames.shape[2])
     geometry = CameraGeometry.of(simulator.model, camera, task.parameters, size)
-    hidden = unlocated_geoms(simulator.model, camera, seen)
+    hidden = unlocated_geoms(simulator.model, camera, observation)
     robot = Robot(simulator.model, camera, states, geometry, hidden)
     plate = None if camera_moves(simulator.model, camera) else np.median(frames, 0)
     lens = task.cameras[0].lens
@@ -82,11 +83,11 @@ def find_pose(
 
 
 def _known(
-    simulator: Simulator, seen: ObservationModel, trajectories: list[Trajectory]
+    simulator: Simulator, observation: ObservationModel, trajectories: list[Trajectory]
 ) -> tuple[np.ndarray, np.ndarray]:
     """(F, H, W, 3) frames, evenly spread, and their (F, S) states from joint readings."""
     rest = simulator.begin(simulator.space.nominal[None], np.random.default_rng(0)).states[0, 0]
-    states = measured_states(simulator.model, seen, trajectories, rest)
+    states = measured_states(simulator.model, observation, trajectories, rest)
     (known,) = np.nonzero(np.isfinite(states).all(1))
     if len(known) < _FEWEST_FRAMES:
         raise InputError(

@@ -4,28 +4,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.camera_pose.tracking import Agreement, Fit
+from simtune.camera_pose.tracking import Agreement, CameraFit
 
 
 class Bend(NamedTuple):
     """A fit with one more unknown: k1 of a lens, on top of the declared distortion."""
 
-    fit: Fit  # of P + 1 parameters, k1 the last
+    fit: CameraFit  # of P + 1 parameters, k1 the last
     k1: float
     k1_std: float
     k1_range: float  # that the last unit coordinate spans
     k1_usual: float  # standard deviation of what is usual for such a lens
 
     @property
-    def camera(self) -> Fit:
+    def camera(self) -> CameraFit:
         """The fit's camera alone, of P parameters."""
         return self.fit._replace(unit=self.fit.unit[:-1], slopes=self.fit.slopes[:, :-1])
 
 
-class Found(NamedTuple):
+class FoundCamera(NamedTuple):
     """A camera, and the ends of all fits that are about as good, including its own."""
 
-    fit: Fit
+    fit: CameraFit
     agreement: Agreement
     ends: np.ndarray  # (K, P) unit coordinates
     bend: Bend | None = None  # None: not tried

@@ -1,4 +1,4 @@
-"""A pinhole camera in unit coordinates: its pose, projection, and exact derivatives.
+"""A pinhole camera in unit coordinates: its pose and projection.
 
 It is fixed to a body, and points are in that body's frame, so a camera on a robot's wrist is like
 one on a wall. The camera looks along its −z, and its y is up.
@@ -66,35 +66,6 @@ class CameraGeometry:
         seen = np.concatenate([beside, -np.ones((len(beside), 1))], 1) * depths[:, None]
         return seen @ pose.turn.T + pose.place
 
-    def derivatives(self, unit: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(n, 2, P) derivatives of the pixels of (n, 3) points by each unit coordinate."""
-        pose, values = self.pose(unit), self._values(unit)
-        away = points - pose.place
-        x, y, z = (away @ pose.turn).T
-        depth, focal = np.maximum(-z, _LEAST_DEPTH_M), self.focal_px(pose)
-        nothing = np.zeros_like(x)
-        by_seen = np.stack([np.stack([depth, nothing, x]), np.stack([nothing, -depth, -y])])
-        by_seen *= focal / depth**2  # (2, 3, n)
-        seen_by = [np.tile(-axis, (len(points), 1)) for axis in pose.turn]
-        seen_by += [away @ turned for turned in self._turned(values[3:6])]
-        by_unit = np.einsum("ijn,pnj->nip", by_seen, np.stack(seen_by))
-        if len(values) > 6:
-            half = np.radians(pose.fovy_deg) / 2
-            zoom = -np.radians(1) / np.sin(2 * half)  # of the focal length, per degree
-            beside = focal * np.stack([x, -y], 1) / depth[:, None]
-            by_unit = np.concatenate([by_unit, zoom * beside[..., None]], 2)
-        return by_unit * self._lows_and_ranges[1]
-
-    def _turned(self, angles: np.ndarray) -> list[np.ndarray]:
-        """(3, 3) derivatives of the camera's axes by each angle."""
-        turns = [_about(axis, angle) for axis, angle in enumerate(angles)]
-        found = []
-        for axis in range(3):
-            parts = [*turns]
-            parts[axis] = turns[axis] @ _CROSS[axis]
-            found.append(self.nominal @ parts[0] @ parts[1] @ parts[2])
-        return found
-
     def _values(self, unit: np.ndarray) -> np.ndarray:
         """(P,), also beyond the range."""
         low, length = self._lows_and_ranges
@@ -113,9 +84,6 @@ class CameraGeometry:
     def focal_px(self, pose: Pose) -> np.ndarray:
         """Pixels, for pictures of this size."""
         return focal_px(self.size[0], pose.fovy_deg)
-
-
-_CROSS = np.cross(np.eye(3), np.eye(3)[:, None])  # e ×: derivatives of rotations about e, at 0
 
 
 def _about(axis: int, angle: float) -> np.ndarray:

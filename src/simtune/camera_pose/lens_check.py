@@ -6,11 +6,11 @@ A lens that bends straight lines moves the camera that fits best, and so it is f
 import numpy as np
 
 from simtune.camera_pose.bending import BentGeometry, BentRobot
-from simtune.camera_pose.found import Bend, Found
+from simtune.camera_pose.found import Bend, FoundCamera
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.sureness import HALF_WIDTH, covariance, is_by_chance
-from simtune.camera_pose.tracking import Fit, Tracker
+from simtune.camera_pose.tracking import CameraFit, Tracker
 from simtune.cameras.lens import Lens
 
 _OFFSET_SCHEDULE_PX = (2.0, 2.0, 1.5, 1.0, 1.0, 1.0)  # from the camera without such a lens
@@ -24,8 +24,8 @@ _UNDECLARED_K1_STD, _DECLARED_K1_STD = 0.1, 0.02
 
 
 def with_lens(
-    found: Found, tracker: Tracker, robot: Robot, pinhole: CameraGeometry, lens: Lens | None
-) -> Found:
+    found: FoundCamera, tracker: Tracker, robot: Robot, pinhole: CameraGeometry, lens: Lens | None
+) -> FoundCamera:
     """The same camera with its `bend`, or that of the fit with k1 if this is clearly better.
 
     Its ends have both. `tracker`: of the robot before the pinhole; `lens`: declared.
@@ -42,21 +42,21 @@ def with_lens(
         agreement = bent.agreement(fit.unit)
         if agreement.beyond_chance > _MIN_KEPT_SHARE * found.agreement.beyond_chance:
             ends = np.append(found.ends, fit.unit[None, :-1], 0)
-            return Found(bend.camera, agreement, ends, bend, is_bent=True)
+            return FoundCamera(bend.camera, agreement, ends, bend, is_bent=True)
     # As far towards the other camera as a usual lens would have it.
     share = bend.k1_usual**2 / (bend.k1_usual**2 + bend.k1_std**2)
     end = found.fit.unit + share * (fit.unit[:-1] - found.fit.unit)
     return found._replace(ends=np.append(found.ends, end[None], 0), bend=bend)
 
 
-def _bend(fit: Fit, geometry: BentGeometry, lens: Lens | None) -> Bend:
+def _bend(fit: CameraFit, geometry: BentGeometry, lens: Lens | None) -> Bend:
     span = 2 * geometry.largest
     std = span * float(np.sqrt(covariance(fit)[-1, -1]))
     usual = _DECLARED_K1_STD if lens and lens.is_calibrated else _UNDECLARED_K1_STD
     return Bend(fit, geometry.k1(fit.unit), std, span, usual)
 
 
-def lens_warnings(found: Found, lens: Lens | None) -> list[str]:
+def lens_warnings(found: FoundCamera, lens: Lens | None) -> list[str]:
     """One if another lens explains the film clearly better."""
     if not found.is_bent:
         return []

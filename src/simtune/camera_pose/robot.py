@@ -65,14 +65,14 @@ class Robot:
         is_robot = near[:-1] > near[-1]
         near, parts = np.maximum(near[:-1], near[-1]), np.where(is_robot, geoms[:-1], -1)
         shades = np.append(np.random.default_rng(0).permutation(self._model.ngeom), 0.0)[parts]
-        slopes = [_uphill(its) for its in (near, shades)]
+        slopes = [_uphill(pictures) for pictures in (near, shades)]
         found = [_steps(near, parts, slopes, axis) for axis in (1, 2)]
         frames, pixels, nearness, normals = map(np.concatenate, zip(*found, strict=True))
         size = np.array(drawing.size[::-1])
         still = _standing(frames, pixels, near.shape)
-        its = (pixels >= _MARGIN_PX).all(1) & (pixels <= size - 1 - _MARGIN_PX).all(1)
-        its &= (normals**2).sum(1) > 0
-        chosen = np.flatnonzero(its)
+        inside = (pixels >= _MARGIN_PX).all(1) & (pixels <= size - 1 - _MARGIN_PX).all(1)
+        inside &= (normals**2).sum(1) > 0
+        chosen = np.flatnonzero(inside)
         chosen = chosen[np.linspace(0, len(chosen) - 1, min(len(chosen), at_most)).astype(int)]
         pixels = (pixels[chosen] + 0.5) * (np.array(self._geometry.size[::-1]) / size) - 0.5
         normals = normals[chosen] / np.linalg.norm(normals[chosen], axis=1, keepdims=True)
@@ -94,7 +94,8 @@ class Robot:
     ) -> tuple[np.ndarray, np.ndarray]:
         """(K + 1, H, W) geoms and 1/m: the robot alone in K states, then the background alone."""
         places, turns, body_places, body_turns = (
-            np.stack(its) for its in zip(*(self._poses[k] for k in [*which, which[0]]), strict=True)
+            np.stack(values)
+            for values in zip(*(self._poses[k] for k in [*which, which[0]]), strict=True)
         )
         places[:-1, ~self._moves] = places[-1:, self._moves] = _HIDDEN_POSITION_M
         places[:, self._hidden] = _HIDDEN_POSITION_M
@@ -132,7 +133,7 @@ def _steps(
 ) -> tuple[np.ndarray, ...]:
     """Frames, places, nearness and normals of edges between neighbours along an axis."""
     last = near.shape[axis] - 1
-    first, second = ((slice(None),) * axis + (its,) for its in (slice(last), slice(1, None)))
+    first, second = ((slice(None),) * axis + (part,) for part in (slice(last), slice(1, None)))
     one, other = near[first], near[second]
     nearer = np.maximum(one, other)
     ends = np.where(one > other, parts[first], parts[second]) >= 0
@@ -140,7 +141,7 @@ def _steps(
     seams = (parts[first] >= 0) & (parts[second] >= 0) & (parts[first] != parts[second]) & ~ends
     frame, row, column = at = np.nonzero(ends | seams)
     places = np.stack([column, row], 1) + 0.5 * np.array([axis == 2, axis == 1])
-    normals = [(its[first] + its[second])[at] for its in slopes]
+    normals = [(slope[first] + slope[second])[at] for slope in slopes]
     return frame, places, nearer[at], np.where(ends[at][:, None], *normals)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from simtune.cameras.footage import Footage
 from simtune.config.camera_pose import CameraPoseOptions
 from simtune.errors import InputError
-from simtune.observation import ObservationModel, joints_of, measured_places
+from simtune.observation import ObservationModel, measured_places
 from simtune.parameters import ParameterSpace, camera_pose, field_of_view
-from simtune.parameters.backlash import driven_through
+from simtune.parameters.backlash_joints import driven_through
 from simtune.simulation import StateSpace
 from simtune.tasks import Task
 from simtune.trajectory import Trajectory
@@ -29,7 +29,7 @@ def with_any_camera(task: Task, footage: Footage, options: CameraPoseOptions) ->
         raise InputError(
             "--within-fov-deg goes with a camera without lens and region: they say what it sees"
         )
-    if not joints_of(task.sensors):
+    if not task.sensors:
         raise InputError(
             "where a camera is can be told where joints are measured: declare [[sensors]] "
             "(docs/tuning-file.md), or of a built-in task say --observe cameras,joints; or have "
@@ -64,7 +64,7 @@ def unlocated_geoms(
     Such as a box on the table. A joint that moves the camera as well is not between.
     """
     is_measured = np.zeros(model.nq, bool)
-    is_measured[measured_places(joints_of(observation.sensors))] = True
+    is_measured[measured_places(observation.sensors)] = True
     of_joints = np.split(is_measured, model.jnt_qposadr[1:])
     # Backlash that is not measured is taken to be at its middle.
     unknown = [
@@ -113,7 +113,7 @@ def measured_states(
     found = []
     for trajectory in trajectories:
         states = np.tile(at_rest, (len(trajectory) + 1, 1))
-        for sensor in joints_of(observation.sensors):
+        for sensor in observation.sensors:
             if not sensor.is_velocity:
                 states[:, sensor.places] = trajectory.readings[sensor.name]
         found.append(space.with_positions_and_velocities(full_state, states))

@@ -1,20 +1,20 @@
 """The search for a camera: silhouettes, then edges, from several starts; a lens at the end."""
 
 import itertools
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from simtune.budget import Budget
-from simtune.camera_pose.film import Film
-from simtune.camera_pose.found import Found
+from simtune.budget import Budget, timed
+from simtune.camera_pose.edges import EdgeFilm
+from simtune.camera_pose.found import FoundCamera
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.lens_check import with_lens
 from simtune.camera_pose.robot import Robot
 from simtune.camera_pose.silhouettes import likely_camera, moving_masks
-from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Agreement, Fit, Tracker
+from simtune.camera_pose.tracking import FAR, FINE, MIDDLE, NEAR, Agreement, CameraFit, Tracker
 from simtune.cameras.lens import Lens
 from simtune.cameras.pictures import resize
 from simtune.errors import InputError
@@ -32,7 +32,16 @@ _ROUGH_PICTURES, _FEWEST_PICTURES, _MOST_PICTURES = 16, 8, 48
 _TIMED_PICTURES = 4
 _FINE_TIME_SHARE = 0.7  # of the time left
 
-Judged = tuple[Agreement, Fit]
+
+class End(NamedTuple):
+    """Of a fit from one start."""
+
+    agreement: Agreement
+    fit: CameraFit
+
+    @property
+    def score(self) -> float:
+        return self.agreement.score
 
 
 class CameraSearch:
@@ -47,13 +56,13 @@ class CameraSearch:
         seed: int,
         lens: Lens | None = None,
     ):
-        """(F, H, W, 3) frames in which the robot was in its F states; `plate`: see `Film`;
+        """(F, H, W, 3) frames in which the robot was in its F states; `plate`: see `EdgeFilm`;
         `lens`: of which the frames are rid.
         """
         self._frames, self._plate, self._robot, self._geometry = frames, plate, robot, geometry
         self._rng, self._lens = stream(seed, Purpose.CAMERA_POSE), lens
 
-    def run(self, budget: Budget) -> Found:
+    def run(self, budget: Budget) -> FoundCamera:
         """The camera with which the robot explains the film best.
 
         Raises InputError if the robot is never in sight.
@@ -64,17 +73,17 @@ class CameraSearch:
                 "from nowhere within the range does the robot show where the film moves: give a "
                 "nearer guess, or a wider range (--within-m, --within-deg)"
             )
-        tracker = self._tracker(self._choose(kept[-1][1].unit, budget.seconds_left))
-        for number, (_, fit) in enumerate(kept):
+        tracker = self._tracker(self._choose(kept[-1].fit.unit, budget.seconds_left))
+        for number, end in enumerate(kept):
             budget.report("laying the robot on the film", 0.7 + 0.3 * number / _REFINED_ENDS)
-            fine += _judged(tracker, fit.unit, FINE)
+            fine += _ended(tracker, end.fit.unit, FINE)
         fine = fine or kept
-        return with_lens(best_of(fine), tracker, self._robot, self._geometry, self._lens)
+        return with_lens(best_end(fine), tracker, self._robot, self._geometry, self._lens)
 
-    def _ends(self, budget: Budget) -> list[Judged]:
+    def _ends(self, budget: Budget) -> list[End]:
         """The best ends of rough fits, the best last."""
         budget.report("looking where things move")
-        ends: list[Judged] = []
+        ends: list[End] = []
         tries = self._tries(ends, self._silhouettes())
         rough = self._tracker(self._spread(_ROUGH_PICTURES))
         for number in itertools.count():
@@ -84,13 +93,13 @@ class CameraSearch:
             budget.report("laying the robot on the film", min(0.6, 0.1 + 0.1 * number))
             start, schedules = next(tries)
             for off_px in schedules:
-                ends += _judged(rough, start, off_px)
+                ends += _ended(rough, start, off_px)
                 if _is_sure(ends[-1:]) or (number and budget.spent > _STARTS_TIME_SHARE):
                     break
-        return sorted(ends, key=_score)[-_REFINED_ENDS:]
+        return sorted(ends, key=lambda end: end.score)[-_REFINED_ENDS:]
 
     def _tries(
-        self, ends: list[Judged], guess: Callable[[], np.ndarray]
+        self, ends: list[End], guess: Callable[[], np.ndarray]
     ) -> Iterator[tuple[np.ndarray, tuple[tuple[float, ...], ...]]]:
         """Starts, and schedules of how far to look from there, the shortest first.
 
@@ -102,7 +111,7 @@ class CameraSearch:
         yield guess(), (NEAR, MIDDLE, FAR)
         yield given, (FAR,)
         while True:
-            best = max(ends, key=_score)[1].unit if ends else given
+            best = max(ends, key=lambda end: end.score).fit.unit if ends else given
             yield best + _SIDESTEP_STD * self._rng.normal(size=len(best)), (NEAR, MIDDLE)
             yield guess(), (NEAR, MIDDLE, FAR)
 
@@ -124,9 +133,8 @@ class CameraSearch:
         """(M,) frames, evenly spread, as many as can be compared in the time."""
         few = self._tracker(self._spread(_TIMED_PICTURES))
         few.fit(near, FINE[-1:])  # the first call is slower
-        began_s = time.monotonic()
-        few.fit(near, FINE[-1:])
-        each_s = (time.monotonic() - began_s) / _TIMED_PICTURES * len(FINE) * _NUM_FINE_FITS
+        fit_s, _ = timed(lambda: few.fit(near, FINE[-1:]))
+        each_s = fit_s / _TIMED_PICTURES * len(FINE) * _NUM_FINE_FITS
         most = int(np.clip(_FINE_TIME_SHARE * seconds / each_s, _FEWEST_PICTURES, _MOST_PICTURES))
         return self._spread(most)
 
@@ -135,26 +143,23 @@ class CameraSearch:
         return np.linspace(0, count - 1, min(count, num)).astype(int)
 
     def _tracker(self, at: np.ndarray) -> Tracker:
-        film = Film(self._frames[at], self._plate)
+        film = EdgeFilm(self._frames[at], self._plate)
         return Tracker(film, self._robot, self._geometry, at)
 
 
-def best_of(ends: list[Judged]) -> Found:
+def best_end(ends: list[End]) -> FoundCamera:
     """The best, with all that are about as good."""
-    agreement, best = max(ends, key=_score)
-    as_good = [fit.unit for its, fit in ends if its.score > _RIVAL_SCORE_RATIO * agreement.score]
-    return Found(best, agreement, np.array(as_good or [best.unit]))  # none if all have no score
+    best = max(ends, key=lambda end: end.score)
+    as_good = [end.fit.unit for end in ends if end.score > _RIVAL_SCORE_RATIO * best.score]
+    as_good = np.array(as_good or [best.fit.unit])  # none if all have no score
+    return FoundCamera(best.fit, best.agreement, as_good)
 
 
-def _is_sure(ends: list[Judged]) -> bool:
-    return any(agreement.beyond_chance > _SURE_BEYOND_CHANCE for agreement, _ in ends)
+def _is_sure(ends: list[End]) -> bool:
+    return any(end.agreement.beyond_chance > _SURE_BEYOND_CHANCE for end in ends)
 
 
-def _judged(tracker: Tracker, start: np.ndarray, off_px: tuple[float, ...]) -> list[Judged]:
+def _ended(tracker: Tracker, start: np.ndarray, off_px: tuple[float, ...]) -> list[End]:
     """One, or none if the robot is out of sight."""
     fit = tracker.fit(start, off_px)
-    return [(tracker.agreement(fit.unit), fit)] if fit else []
-
-
-def _score(judged: Judged) -> float:
-    return judged[0].score
+    return [End(tracker.agreement(fit.unit), fit)] if fit else []

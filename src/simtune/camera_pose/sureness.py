@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.special import stdtrit
 
-from simtune.camera_pose.found import Bend, Found
-from simtune.camera_pose.tracking import Agreement, Fit
+from simtune.camera_pose.found import Bend, FoundCamera
+from simtune.camera_pose.tracking import Agreement, CameraFit
 
 _CORRELATED_POINTS = 30.0  # whose errors, within and between frames, count as one
 _OUTLINE_BIAS_PX = 0.3  # all outlines may be too large or too small: dark rims, compression
@@ -16,7 +16,7 @@ _NUM_CLUSTERS = 8  # of consecutive frames, within which errors are correlated
 HALF_WIDTH = float(stdtrit(_NUM_CLUSTERS - 1, 0.95))
 
 
-def spread(found: Found) -> np.ndarray:
+def half_widths(found: FoundCamera) -> np.ndarray:
     """(P,) half-widths of 90 % intervals, in unit coordinates, at most the whole range.
 
     The whole range if outlines are on the film's edges only by chance.
@@ -43,7 +43,7 @@ def is_by_chance(agreement: Agreement) -> bool:
     return agreement.beyond_chance < _MIN_BEYOND_CHANCE
 
 
-def covariance(fit: Fit) -> np.ndarray:
+def covariance(fit: CameraFit) -> np.ndarray:
     """(P, P), from errors of points, of consecutive frames, and common to all.
 
     With slopes A of N points, weights W, residuals r, G clusters of frames (Liang and Zeger 1986)

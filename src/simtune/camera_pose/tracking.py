@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from simtune.camera_pose.bending import BentGeometry, BentRobot
-from simtune.camera_pose.film import Film
+from simtune.camera_pose.edges import EdgeFilm
 from simtune.camera_pose.geometry import CameraGeometry
 from simtune.camera_pose.robot import Outlines, Robot
 from simtune.fit.combine import newton_within
@@ -26,13 +26,14 @@ _FAINT_CONTRAST = 0.02  # of the full scale per pixel: such an edge has half the
 _NO_EDGE_WEIGHT = 0.15
 _SEARCHES_PER_DRAWING = 3  # for edges, with the robot drawn once
 _MAX_MOTION_FACTOR = 1.5  # on the expected offset, for a step
+_DELTA = 1e-5  # of a unit coordinate: to 1e-8 of a derivative
 _RIDGE = 1e-5  # of the mean information
 _MAX_POINTS, _MAX_ROUGH_POINTS = 8000, 2000
 _FEWEST_POINTS = 50
 _MAX_OFF_EDGE_PX, _MAX_OFF_OUTLINE_PX = 2.0, 3.0  # between an edge and an outline
 
 
-class Fit(NamedTuple):
+class CameraFit(NamedTuple):
     """A camera of P parameters, and N points of outlines before it."""
 
     unit: np.ndarray  # (P,)
@@ -64,7 +65,7 @@ class Tracker:
 
     def __init__(
         self,
-        film: Film,
+        film: EdgeFilm,
         robot: Robot | BentRobot,
         geometry: CameraGeometry | BentGeometry,
         which: np.ndarray,
@@ -76,7 +77,7 @@ class Tracker:
         """The same film, for a robot before another kind of camera."""
         return Tracker(self._film, robot, geometry, self._which)
 
-    def fit(self, start: np.ndarray, off_px: tuple[float, ...]) -> Fit | None:
+    def fit(self, start: np.ndarray, off_px: tuple[float, ...]) -> CameraFit | None:
         """From a camera (P,), an iteration per `off_px`; None if the robot is out of sight."""
         unit, found = start, None
         for expected_px in off_px:
@@ -100,14 +101,14 @@ class Tracker:
             return Agreement(0, 0, 0)
         num = self._film.num
         later = outlines._replace(frames=(outlines.frames + num // 2) % num)
-        on_edges, by_chance = (self._on_edges(its) for its in (outlines, later))
+        on_edges, by_chance = (self._on_edges(lines) for lines in (outlines, later))
         drawn = np.zeros((num, *self._film.size), bool)
         column, row = np.rint(outlines.pixels).astype(int).T
         drawn[outlines.frames, row, column] = True
         explained = [
-            (np.asarray(distance_transform_edt(~its))[edges] < _MAX_OFF_OUTLINE_PX).mean()
-            for its, edges in zip(drawn, self._film.moving(), strict=True)
-            if its.any() and edges.any()
+            (np.asarray(distance_transform_edt(~outline))[edges] < _MAX_OFF_OUTLINE_PX).mean()
+            for outline, edges in zip(drawn, self._film.moving(), strict=True)
+            if outline.any() and edges.any()
         ]
         return Agreement(on_edges, by_chance, float(np.sum(explained)) / num)
 
@@ -117,15 +118,15 @@ class Tracker:
         found, moves = (clear * (np.abs(places) < _MAX_OFF_EDGE_PX)).max(1), 1 - outlines.still
         return float((found * moves).sum() / max(moves.sum(), 1e-9))
 
-    def _look(self, unit: np.ndarray, outlines: Outlines, off_px: float) -> Fit:
+    def _look(self, unit: np.ndarray, outlines: Outlines, off_px: float) -> CameraFit:
         pixels = self._geometry.project(unit, outlines.points)
         places, clear = self._edges(pixels, outlines, _SEARCH_REACH_FACTOR * off_px)
         likely = clear * np.exp(-0.5 * (places / off_px) ** 2)
         total = likely.sum(1)
         mean = (likely * places).sum(1) / np.maximum(total, 1e-9)
-        moved = self._geometry.derivatives(unit, outlines.points)
+        moved = _derivatives(self._geometry, unit, outlines.points)
         slopes = np.einsum("nip,ni->np", moved, outlines.normals)
-        return Fit(unit, outlines.frames, total / (total + _NO_EDGE_WEIGHT), mean, slopes)
+        return CameraFit(unit, outlines.frames, total / (total + _NO_EDGE_WEIGHT), mean, slopes)
 
     def _edges(
         self, pixels: np.ndarray, outlines: Outlines, reach_px: float
@@ -146,7 +147,18 @@ class Tracker:
         return steps[1:-1] + step_px * beside, clear
 
 
-def _step(found: Fit, farthest_px: float, beyond: float) -> np.ndarray:
+def _derivatives(
+    geometry: CameraGeometry | BentGeometry, unit: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """(n, 2, P) derivatives of the pixels of (n, 3) points by (P,) unit coordinates."""
+    changes = [
+        geometry.project(unit + step, points) - geometry.project(unit - step, points)
+        for step in _DELTA * np.eye(len(unit))
+    ]
+    return np.stack(changes, -1) / (2 * _DELTA)
+
+
+def _step(found: CameraFit, farthest_px: float, beyond: float) -> np.ndarray:
     """(P,) Gauss-Newton step, shortened so that hardly any point moves by more."""
     weighted = found.slopes.T * found.weights
     information, pull = weighted @ found.slopes, weighted @ found.off_px

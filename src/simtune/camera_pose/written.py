@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from simtune.camera_pose.search import Found
-from simtune.camera_pose.sureness import is_by_chance, spread
+from simtune.camera_pose.found import FoundCamera
+from simtune.camera_pose.sureness import half_widths, is_by_chance
 from simtune.parameters import ModelWriter
 from simtune.run.files import plain
 from simtune.tasks import Task
@@ -14,10 +14,10 @@ from simtune.tasks import Task
 _AT_END_SHARE = 0.01  # of the range
 
 
-def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
+def describe(task: Task, found: FoundCamera, num_frames: int) -> dict[str, Any]:
     """JSON of a camera."""
     space, unit = task.parameters, found.fit.unit
-    reach = spread(found)
+    reach = half_widths(found)
     mean, low, high = (space.from_unit(np.clip(unit + sign * reach, 0, 1)) for sign in (0, -1, 1))
     model = task.load_model()
     ModelWriter(space, model).write(model, mean)
@@ -47,7 +47,7 @@ def describe(task: Task, found: Found, num_frames: int) -> dict[str, Any]:
     )
 
 
-def _warnings(task: Task, found: Found) -> list[str]:
+def _warnings(task: Task, found: FoundCamera) -> list[str]:
     said, unit = [], found.fit.unit
     if is_by_chance(found.agreement):
         said.append(

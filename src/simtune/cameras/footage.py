@@ -10,8 +10,7 @@ import av.error
 import numpy as np
 
 from simtune.cameras.lens import Lens
-from simtune.cameras.orientation import as_shown
-from simtune.cameras.pictures import resize
+from simtune.cameras.pictures import as_shown, resize
 from simtune.cameras.rectify import rectify
 from simtune.errors import InputError
 
@@ -65,7 +64,7 @@ class Footage:
         size = f"{right - left:g}×{bottom - top:g}"
         return InputError(f"the region of {size} is {seen}; make it wider or less high")
 
-    def fit(self, picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    def as_pinhole(self, picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         """(H, W, 3) as recorded to (height, width) of its `aspect`, as a pinhole camera sees it.
 
         All of its height is used: MuJoCo's field of view is vertical. Raises InputError for a
@@ -100,7 +99,7 @@ class Footage:
             return None
         picture = _read_picture(self.background)
         self._check_shape(picture.shape, size)
-        return self.fit(picture, size)
+        return self.as_pinhole(picture, size)
 
     def _check_shape(self, picture: tuple[int, ...], size: tuple[int, int]) -> None:
         """Raise InputError for a background, (H, W, ...), too narrow for (height, width)."""

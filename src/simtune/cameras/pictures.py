@@ -1,7 +1,8 @@
-"""Pictures: resized, how many at a time, and their border."""
+"""Pictures: turned, resized, how many at a time, and their border."""
 
 import functools
 
+import av
 import numpy as np
 
 # Points outside of the picture are clipped so far inside: detectors name no place beyond.
@@ -56,6 +57,20 @@ def _area_taps(size: int, new_size: int, covered: float) -> list[tuple[np.ndarra
         weight = (overlap.clip(0) * (new_size / covered)).astype(np.float32)
         taps.append((pixel.clip(max=size - 1), weight))
     return taps
+
+
+def as_shown(picture: np.ndarray, frame: av.VideoFrame) -> np.ndarray:
+    """(H, W, 3) picture of a frame, turned by quarter turns and mirrored; perhaps a view of it.
+
+    As players show it, since the file says that the camera was held so.
+    """
+    if (said := frame.side_data.get("DISPLAYMATRIX")) is None:
+        return picture
+    # Shown at (a · x + c · y, b · x + d · y); fixed-point numbers, of which signs matter
+    a, b, _, c, d = np.frombuffer(bytes(said), np.int32)[:5].tolist()
+    if abs(b) > abs(a):
+        picture, a, d = picture.swapaxes(0, 1), c, b
+    return picture[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
 
 
 def pictures_at_once(device: object, height: int, width: int) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 
 from simtune.before_after.moving_parts import part_name
 from simtune.checking.extents import OUT_OF_SIGHT_PX, across, bodies_of, corners_px
-from simtune.checking.starts import NUM_STARTS, nominal_starts
+from simtune.checking.nominal import NUM_STARTS, nominal_starts
 from simtune.columns import counted
 from simtune.parameters.joint_types import FREE, SLIDE
 from simtune.simulation import Simulator
@@ -32,7 +32,7 @@ def out_of_sight(simulator: Simulator, seed: int) -> dict[str, str]:
         tree = int(model.body_treeid[body])
         seen[tree] = seen.get(tree, np.zeros(NUM_STARTS, bool)) | (across(pixels) > OUT_OF_SIGHT_PX)
     outside = {
-        tree: int((~its).sum()) for tree, its in seen.items() if its.mean() <= _HARDLY_SEEN_SHARE
+        tree: int((~are).sum()) for tree, are in seen.items() if are.mean() <= _HARDLY_SEEN_SHARE
     }
     return {
         name: f"{_thing(model, tree)} is outside the picture in {outside[tree]} of {NUM_STARTS} "
@@ -56,15 +56,15 @@ def elsewhere_warnings(
     In nominal (E, T + 1, S) states. `hidden`: as `out_of_sight` says; `parameters`: conclusions on
     each; `are_recorded`: whether the states are of recorded actions.
     """
-    unshown = [name for name, its in parameters.items() if its["verdict"] == "does not show"]
+    unshown = [name for name, said in parameters.items() if said["verdict"] == "does not show"]
     by_thing = dict[str, list[str]]()
     for name in unshown:
         if name in hidden:
             by_thing.setdefault(hidden[name], []).append(name)
     found = [
-        f"{says}, so hardly anything tells of {', '.join(its)}: does [initial_state] say where it "
-        "begins, and is the camera's pose right?"
-        for says, its in by_thing.items()
+        f"{says}, so hardly anything tells of {', '.join(names)}: does [initial_state] say where "
+        "it begins, and is the camera's pose right?"
+        for says, names in by_thing.items()
     ]
     others = [name for name in unshown if name not in hidden]
     is_filmed = are_recorded and bool(simulator.views)
@@ -82,19 +82,19 @@ def _seldom_moved(
     positions = simulator.state_space.positions_and_velocities(states)
     starts, found = None, list[str]()
     for tree in sorted(_loose_trees(model) if len(states) else ()):
-        its = [n for n in names if trees.get(n) == tree and not simulator.space[n].is_appearance]
+        own = [n for n in names if trees.get(n) == tree and not simulator.space[n].is_appearance]
         places = positions[..., _places(model, tree)]
         moves = (
             np.linalg.norm(places - places[:, :1], axis=-1).max(1)
             > _MIN_MOVE_EXTENTS * model.stat.extent
         )
-        if not its or moves.mean() > _MAX_MOVING_SHARE:
+        if not own or moves.mean() > _MAX_MOVING_SHARE:
             continue
         starts = nominal_starts(simulator, seed) if starts is None else starts
         drawn = simulator.state_space.positions_and_velocities(starts)[:, _places(model, tree)]
         if np.ptp(drawn, axis=0).any():
             found.append(
-                f"{', '.join(its)}: the recorded actions move {_thing(model, tree)} in "
+                f"{', '.join(own)}: the recorded actions move {_thing(model, tree)} in "
                 f"{int(moves.sum())} of {counted(len(states), 'simulated episode')}, which begin "
                 "with it somewhere else than the film; if they move it there, more shows than is "
                 "said here: give its start in [initial_state] more narrowly"

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from simtune.fit.sensitivity import Sensitivity
+from simtune.checking.sensitivity.parameters import Sensitivity
 from simtune.normal import STDS_90
 from simtune.parameters import ParameterSpace
 from simtune.tuning.combinations import is_useful_power, rounded_weight
@@ -20,7 +20,7 @@ _NOTHING_READ = "changes no reading: it cannot be found from these sensors"
 _NOTHING_AT_ALL = "changes neither picture, motion nor readings: it cannot be found from them"
 
 
-def conclude(
+def conclude_on_parameters(
     space: ParameterSpace, sensitivity: Sensitivity, reasons: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
     """{"parameters": an object each, by name, "pairs": what shows only together}; JSON.
@@ -32,7 +32,7 @@ def conclude(
     if sensitivity.motion_std_at_best is not None:
         at_best = _share(space, sensitivity, sensitivity.motion_std_at_best)
     least = share if at_best is None else at_best
-    shows: list[Shows] = [_shows(*its) for its in zip(share, least, strict=True)]
+    shows: list[Shows] = [_shows(*both) for both in zip(share, least, strict=True)]
     together = np.abs(np.triu(sensitivity.correlation, 1)) > _MIN_SHARED_CORRELATION
     pairs = [_pair(space, sensitivity, least, i, j) for i, j in np.argwhere(together)]
     reasons = _nothing(space, sensitivity, reasons or {})
@@ -93,11 +93,12 @@ def _numbers(space: ParameterSpace, sensitivity: Sensitivity, i: int) -> dict[st
         "changed_to": float(sensitivity.changed[i]),
     }
     if sensitivity.sees_pictures:
+        pictures = sensitivity.pictures
         numbers |= {
-            "picture_levels": float(sensitivity.levels[i]),
-            "picture_share": float(sensitivity.pixel_share[i]),
-            "motion_rms_px": float(sensitivity.rms_px[i]),
-            "motion_largest_px": float(sensitivity.largest_px[i]),
+            "picture_levels": float(pictures.levels[i]),
+            "picture_share": float(pictures.pixel_share[i]),
+            "motion_rms_px": float(pictures.rms_px[i]),
+            "motion_largest_px": float(pictures.largest_px[i]),
         }
     if readings := sensitivity.readings:
         main = int(readings.main[i])

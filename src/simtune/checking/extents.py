@@ -48,7 +48,7 @@ def _flexes_px(simulator: Simulator, states: np.ndarray, views: Sequence[View]) 
     for name, vertices in flexes.items():
         pixels = _pixels(simulator, states, vertices)
         each = (pixels[:, vertices.views == view] for view in range(len(views)))
-        found[name] = max((_median_in_sight(across(its)) for its in each), default=0.0)
+        found[name] = max((_median_in_sight(across(points)) for points in each), default=0.0)
     return found
 
 
@@ -85,7 +85,7 @@ def _pixels(simulator: Simulator, states: np.ndarray, points: Keypoints) -> np.n
     return seen.reshape(-1, len(points), 2).astype(float)
 
 
-def small(
+def small_in_pictures(
     extents: dict[str, float],
     image_size: int,
     unclear: Mapping[str, Collection[str]],
@@ -98,12 +98,12 @@ def small(
     """
     if not extents:
         return []
-    largest = max(extents, key=lambda its: extents[its])
+    largest = max(extents, key=lambda name: extents[name])
     if extents[largest] <= OUT_OF_SIGHT_PX:
         return [_NOTHING]
     if extents[largest] < FEW_PX:
-        its = f"what moves is small: the largest, {largest}, is"
-        return [_few_pixels(its, extents[largest], image_size, recorded_px)]
+        what_is = f"what moves is small: the largest, {largest}, is"
+        return [_few_pixels(what_is, extents[largest], image_size, recorded_px)]
     return [
         _few_pixels(f"{', '.join(names)}: {body} is", extents[body], image_size, recorded_px)
         for body, names in unclear.items()

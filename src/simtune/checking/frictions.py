@@ -45,7 +45,7 @@ def unfelt_frictions(simulator: Simulator, states: np.ndarray) -> dict[str, str]
 def contacts(model: mujoco.MjModel, states: np.ndarray) -> Contacts:
     """All contacts of (n, S) states, one state after the other."""
     parts = contacts_of_each(model, states)
-    return Contacts(*(np.concatenate(its) for its in zip(*parts, strict=True)))
+    return Contacts(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
 def contacts_of_each(model: mujoco.MjModel, states: np.ndarray) -> Iterator[Contacts]:
@@ -54,8 +54,8 @@ def contacts_of_each(model: mujoco.MjModel, states: np.ndarray) -> Iterator[Cont
     for state in states:
         mujoco.mj_setState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_fwdPosition(model, data)
-        its = data.contact
-        found = Contacts(its.geom, its.dim, its.friction, its.exclude)
+        touching = data.contact
+        found = Contacts(touching.geom, touching.dim, touching.friction, touching.exclude)
         yield Contacts(*(values.copy() for values in found))
 
 

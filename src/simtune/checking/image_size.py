@@ -29,15 +29,15 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
     than recordings have, if even the largest moving part would be small otherwise. Raises
     InputError for recordings that cannot be read, and for a size where no camera is observed.
     """
-    usual, seen = USUAL_PX[search], observed(task, config.observed, is_simulated=False)
-    if config.image_size and not seen.cameras:
+    usual, observation = USUAL_PX[search], observed(task, config.observed, is_simulated=False)
+    if config.image_size and not observation.cameras:
         who = f"--observe {config.observe}" if config.observe else task.name
         raise InputError(f"--image-size goes with pictures, and {who} looks at none")
     if config.image_size or search != "posterior" or not isinstance(task, Task):
         return config.image_size or usual
     # Before the worlds, which take seconds of a large model: recordings may be unreadable
-    recorded_px = _recorded_px(config, task, seen, usual) or _LARGEST_PX
-    largest_px = _largest_px(task, seen, usual)
+    recorded_px = _recorded_px(config, task, observation, usual) or _LARGEST_PX
+    largest_px = _largest_px(task, observation, usual)
     if largest_px >= FEW_PX:
         return usual
     size = min(enough_size(largest_px, usual), _LARGEST_PX, recorded_px)
@@ -52,21 +52,21 @@ def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: S
     return size
 
 
-def _largest_px(task: Task, seen: ObservationModel, height: int) -> float:
+def _largest_px(task: Task, observation: ObservationModel, height: int) -> float:
     """Across the largest of what moves under random actions; infinite if nothing is in sight."""
     simulator = task.simulator(image_size=height, views=())  # renderers take a second to make
     rng, num_steps = np.random.default_rng(0), min(_STEPS, task.episode_steps)
     worlds = np.tile(task.parameters.nominal, (_EPISODES, 1))
     act = simulator.explore(_EPISODES, num_steps, rng)
     states = simulator.play(worlds, act, num_steps, rng).states
-    extents = extents_px(simulator, states, seen.views())
+    extents = extents_px(simulator, states, observation.views())
     return max((px for px in extents.values() if px > 0), default=math.inf)
 
 
 def _recorded_px(
-    config: TuneConfig | CheckConfig, task: Task, seen: ObservationModel, usual: int
+    config: TuneConfig | CheckConfig, task: Task, observation: ObservationModel, usual: int
 ) -> int | None:
     """Height of the recordings' pictures; None if the real world is filmed in any size."""
     if config.real is None or str(config.real) in NO_RECORDINGS:
         return None
-    return open_recordings(Path(config.real), task, config, usual, seen).recorded_px
+    return open_recordings(Path(config.real), task, config, usual, observation).recorded_px

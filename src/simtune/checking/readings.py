@@ -6,22 +6,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.budget import Budget
+from simtune.budget import NO_LIMIT, Budget
+from simtune.checking.doubt import grouped
+from simtune.checking.mistakes.joint_ranges import CERTAINLY_WIDER, WIDER, beyond_ranges
 from simtune.checking.mistakes.misread import MOST_S, misread
 from simtune.checking.reading_errors import of_recorded, of_simulated
-from simtune.checking.servos.doubt import grouped
+from simtune.checking.sensitivity.parameters import one_by_one, where_analyzed
+from simtune.checking.sensitivity.reading_changes import ReadingChanges, ReplayedReadings
 from simtune.checking.servos.fit import ServoResponse
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.gains import gains_to_write
-from simtune.checking.servos.joint_ranges import CERTAINLY_WIDER, WIDER, beyond_ranges
 from simtune.checking.servos.look import SeenJoint, look_at_all
 from simtune.checking.servos.lost import missing
 from simtune.checking.servos.picture import Curve
 from simtune.checking.servos.watch import watched
 from simtune.fit import FEWEST_STEPS, Readings
-from simtune.fit.readings.sensitivity import ReadingChanges, ReplayedReadings
-from simtune.fit.sensitivity import one_by_one, where_analyzed
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel
 from simtune.real.recorded import read_episode
 from simtune.recordings import Dataset
 from simtune.simulation import Simulator
@@ -63,24 +63,24 @@ def look_at_servos(
     `most_s`: seconds in which signs, columns, units and zeros are looked for that are not the
     model's (`misread`).
     """
-    sensors = joints_of(observation.sensors)
+    sensors = observation.sensors
     readings = Readings.of(trajectories, sensors)
     read = readings.values
     found = missing(observation.reading_labels, read, [len(t) for t in trajectories], names)
     joints, lost = watched(trajectories, simulator, observation, read, names)
     is_long = any(len(t) >= FEWEST_STEPS for t in trajectories)
     seen = look_at_all(joints, sensors) if is_long else [None] * len(joints)
-    by_name = {joint.name: its for joint, its in zip(joints, seen, strict=True) if joint and its}
+    by_name = {joint.name: look for joint, look in zip(joints, seen, strict=True) if joint and look}
     of_speeds = {joint.name for joint in joints if joint and joint.positions}
-    found += lost + grouped(doubt for its in by_name.values() for doubt in its.doubts)
-    found += gains_to_write(sensors, [its.misread_by if its else None for its in seen])
-    wider = [_wider(joint, its) for joint, its in zip(joints, seen, strict=True)]
+    found += lost + grouped(doubt for look in by_name.values() for doubt in look.doubts)
+    found += gains_to_write(sensors, [look.misread_by if look else None for look in seen])
+    wider = [_wider(joint, look) for joint, look in zip(joints, seen, strict=True)]
     return ReadEpisodes(
         trajectories,
         readings,
-        servos={name: its.servo for name, its in by_name.items() if name not in of_speeds},
-        curves={name: its.curve for name, its in by_name.items()},
-        facts={name: its.facts() for name, its in by_name.items()},
+        servos={name: look.servo for name, look in by_name.items() if name not in of_speeds},
+        curves={name: look.curve for name, look in by_name.items()},
+        facts={name: look.facts() for name, look in by_name.items()},
         warnings=found,
         misread=misread(readings, simulator, observation, most_s),
         beyond_ranges=beyond_ranges(simulator.model, sensors, read, wider),
@@ -100,13 +100,13 @@ def reading_changes(
     actions: np.ndarray,
     recorded: ReadEpisodes | None,
     seed: int,
-    budget: Budget | None = None,
+    budget: Budget = NO_LIMIT,
 ) -> tuple[ReadingChanges, str]:
     """For every parameter, in episodes of (E, T, A) actions; and the assumption on errors.
 
     `budget`: see `ReplayedReadings`.
     """
-    sensors = joints_of(observation.sensors)
+    sensors = observation.sensors
     nominal = where_analyzed(simulator.space)
     readings = recorded.readings if recorded else None
     replayed = ReplayedReadings(simulator, observation, nominal, actions, readings, seed, budget)

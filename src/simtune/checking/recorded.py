@@ -8,26 +8,25 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.checking.film.as_read import AsRead
 from simtune.checking.film.camera_film import (
-    MOST_EPISODES,
-    MOST_STEPS,
+    MOST_FILMED,
+    MOST_FILMED_STEPS,
     camera_films,
     pictures_of_each,
     shrunk,
 )
-from simtune.checking.film.look import Look, look_at, warnings_of
+from simtune.checking.film.look import Look, look_at, named_warnings
 from simtune.checking.film.picture import draw_film
-from simtune.checking.mistakes.misread import MOST_S
+from simtune.checking.mistakes.lengths import far_beyond_model
 from simtune.checking.picture_files import picture_file
 from simtune.checking.readings import ReadEpisodes, read_episodes
-from simtune.checking.recording_warnings import long_enough, warnings
+from simtune.checking.recording_warnings import long_enough, recording_warnings
 from simtune.checking.servos.commands import on_tendons
-from simtune.checking.servos.lengths import far_beyond_model
 from simtune.checking.servos.picture import draw_servos
 from simtune.checking.starts import far_starts
 from simtune.columns import cut
 from simtune.config import CheckConfig
 from simtune.errors import InputError
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress
 from simtune.real.observed import open_recordings
 from simtune.real.recorded import how_many
@@ -35,6 +34,7 @@ from simtune.recordings import Dataset
 from simtune.simulation import Simulator
 from simtune.tasks import Task
 
+_COMPARING_S = 60.0  # pictures, moment by moment
 _DIVERGING = "the film was not looked at: nearly all of the simulator's worlds diverge"
 _MOST_NAMED = 5  # of unsound episodes
 
@@ -52,47 +52,53 @@ class Given(NamedTuple):
 
 
 def of_recordings(
-    config: CheckConfig, task: Task, size: int, seen: ObservationModel, report: ReportProgress
+    config: CheckConfig,
+    task: Task,
+    size: int,
+    observation: ObservationModel,
+    report: ReportProgress,
 ) -> Given:
     """Looks at actions, films and readings. Raises InputError for unsound recordings.
 
     Where lengths are in another unit, most else would look wrong and is not compared.
     """
-    dataset = open_recordings(config.real or "", task, config, size, seen)
+    dataset = open_recordings(config.real or "", task, config, size, observation)
     num = how_many(dataset, config.episodes)
-    recorded, frames = look_through(dataset, report, min(num, MOST_EPISODES) * bool(seen.cameras))
-    used = long_enough(recorded[:num], are_filmed=bool(seen.cameras))
+    recorded, frames = look_through(
+        dataset, report, min(num, MOST_FILMED) * bool(observation.cameras)
+    )
+    used = long_enough(recorded[:num], are_filmed=bool(observation.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
-    facts["warnings"] = warnings(task, facts["recordings"], recorded, num)
-    films = camera_films(seen.framed(dataset.aspects), frames)
+    facts["warnings"] = recording_warnings(task, facts["recordings"], recorded, num)
+    films = camera_films(observation.framed(dataset.aspects), frames)
     # Supersampled as in tuning: a real camera averages over its pixels.
     simulator = task.simulator(
         image_size=size,
         step_s=dataset.step_s,
-        supersampling=seen.supersampling,
+        supersampling=observation.supersampling,
         views=[shrunk(film.view, size) for film in films],
     )
     actions = np.stack([actions[: min(map(len, used))] for actions in used])
-    if seen.sensors:
+    if observation.sensors:
         report("looking how joints follow their commands", 0.1)
-    read = read_episodes(dataset, num, simulator, seen) if seen.sensors else None
-    sensors, values = joints_of(seen.sensors), read.readings.values if read else None
+    read = read_episodes(dataset, num, simulator, observation) if observation.sensors else None
+    sensors, values = observation.sensors, read.readings.values if read else None
     far = far_beyond_model(simulator, recorded[:num], sensors, values)
     facts["warnings"] += far
-    if seen.cameras and not far:
-        budget = Budget(MOST_S, report, span=(0.2, 0.5), prefix="comparing pictures: ")
-        as_read = AsRead(simulator, seen, read.trajectories[: len(frames)]) if read else None
+    if observation.cameras and not far:
+        budget = Budget(_COMPARING_S, report, span=(0.2, 0.5), prefix="comparing pictures: ")
+        as_read = AsRead(simulator, observation, read.trajectories[: len(frames)]) if read else None
         by_name = dict(zip(dataset.episodes, recorded, strict=True))
         looks = look_at(films, simulator, actions, config.seed, as_read, by_name, budget)
         facts["films"] = _drawn(looks, task, config.pictures)
-        facts["warnings"] += warnings_of(looks) if looks else [_DIVERGING]
+        facts["warnings"] += named_warnings(looks) if looks else [_DIVERGING]
         if values is not None:
             facts["warnings"] += far_starts(simulator, sensors, values, config.seed)
     if read:
         facts["servos"], facts["servos_on_tendons"] = read.facts, on_tendons(simulator)
         facts["warnings"] += read.warnings + (read.misread + read.beyond_ranges) * (not far)
         if read.curves:
-            path = picture_file(config.pictures, "-servos" * bool(seen.cameras))
+            path = picture_file(config.pictures, "-servos" * bool(observation.cameras))
             draw_servos(path, task.name, read.curves, simulator.step_s)
             facts["servo_pictures"] = str(path)
     return Given(simulator, actions, facts, read, bool(far), dataset.recorded_px)
@@ -123,7 +129,7 @@ def look_through(
         report("reading the recordings", episode / len(dataset.episodes))
         try:
             its_actions, frames = dataset.skim(
-                episode, num_frames * (episode < num_looked_at), within_steps=MOST_STEPS
+                episode, num_frames * (episode < num_looked_at), within_steps=MOST_FILMED_STEPS
             )
         except InputError as error:
             faults[name] = str(error)

@@ -2,34 +2,26 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from simtune.checking.servos.doubt import Doubt, grouped
+from simtune.checking.action_warnings import action_warnings
 from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.fit import FEWEST_STEPS
-from simtune.recordings.controllers import named_in
-from simtune.recordings.source import short
 from simtune.recordings.unused_steps import of_lengths, of_unfilmed
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
-from simtune.units import GAIN_OF_DEGREES
 
 _MAX_LATE_SHARE = 0.3  # of a step: the simulator films exactly at each step's end
-_FAR_IN_RANGES = 5.0  # what may be degrees, not a clipped command
-_AS_DEGREES = (
-    f', such as degrees? Then mapping = "scaled" and gain = {GAIN_OF_DEGREES} in [actions]'
-)
 _REGULAR_SHARE = 0.2  # within which errors of times are those of regular frames
 _FAST_READINGS_RATIO = 1.95  # two a step, by a clock that is a little off
 _SPARE_S, _SPARE_SHARE = 1.0, 0.2  # of the actions' time: a camera usually stops so soon after them
 
 
-def warnings(
+def recording_warnings(
     task: AnyTask,
     facts: Mapping[str, Any],
     recorded: Sequence[np.ndarray],
@@ -72,12 +64,10 @@ def warnings(
         if facts["cameras"]:  # readings use all steps
             found += of_lengths(lengths, facts.get("names", ()), facts.get("names_left_out", ()))
         found += _of_short(lengths, facts.get("names", ()), are_filmed=bool(facts["cameras"]))
-    found += _of_controller(task, facts, recorded)
-    found += _of_order(facts.get("action_names", ()), task.load_actions().names)
-    return found + _of_actions(task, np.concatenate(recorded))
+    return found + action_warnings(task, facts, recorded)
 
 
-def warnings_of(
+def trajectory_warnings(
     task: AnyTask,
     facts: Mapping[str, Any],
     trajectories: Sequence[Trajectory],
@@ -86,7 +76,9 @@ def warnings_of(
     """The same for a real world with such `facts`; none if it is no recording."""
     if "cameras" not in facts:
         return []
-    return warnings(task, facts, [t.actions for t in trajectories], len(trajectories), search)
+    return recording_warnings(
+        task, facts, [t.actions for t in trajectories], len(trajectories), search
+    )
 
 
 def _frames_hz(cameras: Sequence[Mapping[str, Any]]) -> str:
@@ -95,7 +87,7 @@ def _frames_hz(cameras: Sequence[Mapping[str, Any]]) -> str:
     Then the nearest one is away by half their distance at most, and by a quarter on average.
     """
     errors = [camera["time_error_ms"] for camera in cameras]
-    worst = max(errors, key=lambda its: its["largest"])
+    worst = max(errors, key=lambda error: error["largest"])
     if not math.isclose(worst.get("mean", 0.0), worst["largest"] / 2, rel_tol=_REGULAR_SHARE):
         return ""
     return f" (frames seem to come at about {500 / worst['largest']:.3g} Hz)"
@@ -174,69 +166,3 @@ def too_short(num_steps: int, *, are_filmed: bool) -> list[str]:
 def _fewest_steps(*, are_filmed: bool) -> int:
     """Of an episode that can be tuned to."""
     return SHORTEST_STEPS if are_filmed else FEWEST_STEPS
-
-
-def _of_controller(
-    task: AnyTask, facts: Mapping[str, Any], recorded: Sequence[np.ndarray]
-) -> list[str]:
-    """On actions that look like those of a controller which the recordings name.
-
-    Such a controller takes numbers from -1 to 1; torques and positions of arms are larger.
-    """
-    own_scale = max(np.abs(actions).max(initial=0) for actions in recorded)
-    if own_scale > 1 or task.load_actions().is_relative:
-        return []
-    controller = named_in(Path(facts.get("folder", "")))
-    return [f"actions may not be what actuators are sent: {controller}"] if controller else []
-
-
-def _of_order(recorded: Sequence[str], own: Sequence[str]) -> list[str]:
-    """On the names of recorded actions beside the task's own, which they are taken for in turn."""
-    theirs, ours = ([_plain(name) for name in names] for names in (recorded, own))
-    if theirs == ours or sorted(theirs) != sorted(ours):
-        return []
-    in_order = [recorded[theirs.index(name)] for name in ours]
-    return [
-        f"recorded actions are named as the task's, but in another order ({short(list(recorded))}; "
-        f"the task's are {short(list(own))}), and they are taken in their own: say --actions "
-        f"{','.join(in_order)}"
-    ]
-
-
-def _plain(name: str) -> str:
-    """A name without what recorders add to it."""
-    return name.lower().removesuffix(".pos").removeprefix("main_").replace("/", "_")
-
-
-def _of_actions(task: AnyTask, actions: np.ndarray) -> list[str]:
-    """On (steps, A) actions that the model clips, or that tell nothing."""
-    far, still, mapping = [], [], task.load_actions()
-    for i, (low, high) in enumerate(zip(actions.min(0), actions.max(0), strict=True)):
-        name, (least, most) = mapping.names[i], mapping.range[i]
-        slack = 1e-3 * (most - least)
-        if mapping.is_limited[i] and (low < least - slack or high > most + slack):
-            begins, ends = np.rad2deg([least - slack, most + slack])
-            may_be = (
-                begins < low
-                and high < ends
-                and max(-low, high) > _FAR_IN_RANGES * max(-least, most)
-            )
-            says = (
-                f"actions of {name} go from {low:.4g} to {high:.4g}, beyond the model's range of "
-                f"{least:g} to {most:g}, which cuts them off; are they in other units"
-                + (_AS_DEGREES if may_be else "?")
-            )
-            far.append(Doubt(says, "range", name))
-        if high - low <= 1e-6 * max(1.0, abs(high)):
-            still.append((name, high))
-    found = grouped(far)
-    if len(still) == 1:
-        name, value = still[0]
-        found.append(f"actions of {name} are always {value:.4g}: they excite nothing")
-    elif still:
-        found.append(
-            f"{len(still)} of {len(mapping.names)} actions never change "
-            f"({short([name for name, _ in still])}): they excite nothing, so parameters of what "
-            "only they would move cannot be told"
-        )
-    return found

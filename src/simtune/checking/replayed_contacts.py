@@ -10,7 +10,7 @@ import numpy as np
 from simtune.checking.frictions import contacts_of_each, geom_name
 from simtune.columns import counted, cut
 from simtune.fit import OpenLoopReplay
-from simtune.fit.readings.stretches import Stretches
+from simtune.fit.readings.segments import Stretches
 from simtune.parameters import ModelWriter
 from simtune.parameters.joint_types import FREE, SLIDE
 from simtune.simulation.loose_objects import loose_joints
@@ -97,7 +97,7 @@ def _untouched(model: mujoco.MjModel, pairs: Collection[tuple[int, int]]) -> set
     while reached := {
         trees[geom]
         for pair in pairs
-        if not alone.issuperset(trees[its] for its in pair)
+        if not alone.issuperset(trees[body] for body in pair)
         for geom in pair
     } & (alone - {_WORLD_TREE}):
         alone -= reached

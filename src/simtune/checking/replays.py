@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from simtune.checking.open_loops import loops_left_open
 from simtune.checking.replayed_contacts import Touching, touching
+from simtune.checking.sensitivity.parameters import where_analyzed
+from simtune.checking.sensitivity.reading_changes import LONGEST_S
 from simtune.checking.unsettled_starts import free_bases, unsettled
 from simtune.fit import Readings, recorded_loop, where_starts_show
-from simtune.fit.readings.sensitivity import LONGEST_S
-from simtune.fit.sensitivity import where_analyzed
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 from simtune.tuning.readings.warnings import unseen_warning
@@ -22,17 +20,17 @@ class RecordedReplays:
     def __init__(
         self,
         simulator: Simulator,
-        seen: ObservationModel,
+        observation: ObservationModel,
         trajectories: Sequence[Trajectory],
         names: Sequence[str],
     ):
         nominal = where_analyzed(simulator.space)
-        self._readings = Readings.of(trajectories, joints_of(seen.sensors))
-        loop = recorded_loop(simulator, seen, nominal, self._readings)
+        self._readings = Readings.of(trajectories, observation.sensors)
+        loop = recorded_loop(simulator, observation, nominal, self._readings)
         self._unit, self._names = simulator.space.to_unit(nominal), names
         self._loop = where_starts_show(loop, self._readings, self._unit)
         # Readings alone are not replayed if pictures must say where a robot begins
-        self._are_used = not (self._loop.unseen and seen.cameras)
+        self._are_used = not (self._loop.unseen and observation.cameras)
 
     def start_warnings(self) -> list[str]:
         """On bases whose start is unknown, or which do not begin at rest."""
@@ -55,5 +53,5 @@ class RecordedReplays:
         steps = round(LONGEST_S / self._loop.physics.simulator.step_s)
         actions, values = self._readings.actions, self._readings.values
         few = Readings(actions[[*episodes], :steps], values[[*episodes], : steps + 1])
-        whole = self._loop.cut(few, self._unit, np.zeros(few.values.shape[-1]))
+        whole = self._loop.cut(few, self._unit)
         return touching(self._loop, whole, whole.states, self._unit)

@@ -11,7 +11,7 @@ from simtune.fit.readings.growth import MUCH
 _MOST_NAMED = 5
 
 
-def warnings(
+def growth_warnings(
     growth: np.ndarray, names: Sequence[str], found: Sequence[Touching] | None = None
 ) -> list[str]:
     """On episodes with these names; `growth`: (E,) as in `ReadingChanges`, of the first ones.

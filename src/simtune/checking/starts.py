@@ -4,22 +4,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simtune.checking.servos.doubt import Doubt, grouped
+from simtune.checking.doubt import Doubt, grouped
+from simtune.checking.nominal import nominal_starts
 from simtune.observation import JointSensor, by_column
 from simtune.parameters.joint_types import HINGE
-from simtune.random_streams import Purpose, stream
 from simtune.simulation import Simulator
 
-NUM_STARTS = 64  # drawn
 _SLACK_SHARE = 0.25  # of what starts spread over: farther outside is far
 _MIN_SLACK = 0.05  # of the model's extent, or rad: nearer is no other place
 _MEND = "say in [initial_state] where it begins"
-
-
-def nominal_starts(simulator: Simulator, seed: int) -> np.ndarray:
-    """(NUM_STARTS, S) first states of nominal worlds."""
-    worlds = np.tile(simulator.space.nominal, (NUM_STARTS, 1))
-    return simulator.begin(worlds, stream(seed, Purpose.STARTS)).states[:, 0]
 
 
 def far_starts(
@@ -33,8 +26,9 @@ def far_starts(
     model = simulator.model
     positions = simulator.state_space.positions_and_velocities(nominal_starts(simulator, seed))
     found = []
-    for sensor, column, its in by_column(sensors, values):
-        read, joint = its[:, 0][np.isfinite(its[:, 0])], model.joint(sensor.joints[column])
+    for sensor, column, read in by_column(sensors, values):
+        first, joint = read[:, 0], model.joint(sensor.joints[column])
+        read = first[np.isfinite(first)]
         if sensor.is_velocity or not len(read):
             continue
         is_hinge = joint.type[0] == HINGE

@@ -51,7 +51,7 @@ def table(result: dict[str, Any]) -> list[str]:
 
 
 def _extents(extents: dict[str, float], image_size: int) -> str:
-    largest = sorted(extents.items(), key=lambda its: -its[1])
+    largest = sorted(extents.items(), key=lambda extent: -extent[1])
     said = cut([f"{name} {_across(px)}" for name, px in largest], _MOST_EXTENTS)
     return f"across what moves, in pixels of {image_size}: {said}"
 
@@ -104,7 +104,7 @@ def _of_recordings(facts: dict[str, Any]) -> list[str]:
         height, width = camera["source_size"]
         films.append(f"{width}×{height} {camera['codec']}, camera {camera['key']}")
     late = [camera["time_error_ms"] for camera in facts["cameras"]]
-    worst = max(late, key=lambda its: its["largest"], default={"largest": 0.0})
+    worst = max(late, key=lambda error: error["largest"], default={"largest": 0.0})
     if worst["largest"] > 0:
         lateness = (
             f"; frames away from their steps by {worst['largest']:g} ms at most, "

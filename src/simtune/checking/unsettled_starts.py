@@ -12,7 +12,7 @@ import numpy as np
 
 from simtune.columns import counted, cut
 from simtune.fit import OpenLoopReplay, Readings
-from simtune.fit.readings.stretches import filled
+from simtune.fit.readings.readings import filled
 from simtune.observation import columns_of, measured_places
 from simtune.parameters.fields import OF_JOINTS
 from simtune.parameters.joint_types import FREE, SLIDE
@@ -112,8 +112,8 @@ def _held(
     """(E, T + 1, 3) metres, and the (E,) most radians, by which a body moves from rest."""
     physics, model = loop.physics, loop.physics.simulator.model
     steps = max(1, round(_HELD_S / physics.simulator.step_s))
-    few = Readings(readings.actions[:, :steps], readings.values[:, : steps + 1])
-    read = loop.states_of(few, unit, np.zeros(loop.measured.num_readings))
+    few = readings.first(steps)
+    read = loop.states_of(few, unit)
     states, held = read.states[:, 0].copy(), np.repeat(few.actions[:, :1], steps, 1)
     states[:, model.nq :] = 0.0
     units = np.repeat(unit[None], len(states), 0)

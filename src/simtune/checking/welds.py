@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from simtune.checking.starts import nominal_starts
+from simtune.checking.nominal import nominal_starts
 from simtune.simulation import Simulator
 from simtune.simulation.mocap import MocapActions
 

@@ -25,7 +25,7 @@ _GROUPS = {
     "pseudo-real": ("real_parameters", "start_factor", "real_gap"),
     "camera-pose": ("camera_pose", "within_m", "within_deg", "within_fov_deg", "budget_minutes"),
     "policy": (
-        *("agent", "policy_steps", "pretrain_steps", "drop_far"),
+        *("agent", "policy_steps", "pretrain_steps"),
         *("tried_episodes", "scored_episodes", "range_policy", "range_dr"),
     ),
     "paper's search": ("range_spm", "step_size", "window"),

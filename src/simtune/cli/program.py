@@ -6,7 +6,6 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import Any
 
@@ -32,7 +31,7 @@ def main() -> None:
             print(f"simtune {simtune.__version__}")
         else:
             command = parse(typed)
-            _carry_out(command, typed)
+            _carry_out(command)
         sys.stdout.flush()
     except InputError as error:
         sys.exit(_complain(error, 2))
@@ -77,10 +76,10 @@ class _TellOnce:
             print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
-def _carry_out(command: Any, typed: Sequence[str]) -> None:
+def _carry_out(command: Any) -> None:
     """Check and run a command. Raises RuntimeError for a failure, after printing everything."""
     check_first(command)
-    result = run(command, _print_nothing if command.json else _print_line, typed)
+    result = run(command, _print_nothing if command.json else _print_line)
     is_score = isinstance(command, EvaluateConfig) and command.real is None
     if command.json or is_score:
         from simtune.run.files import plain

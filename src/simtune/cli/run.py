@@ -3,7 +3,7 @@
 These import what they need within: torch and Warp take seconds, and --help should not.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from simtune.cli import run_commands, setup_commands
@@ -27,6 +27,8 @@ _COMMANDS: dict[type, Callable[[Any, PrintLine], CommandResult]] = {
     ExampleCommand: setup_commands.example,
     CheckConfig: setup_commands.check,
     RecordConfig: setup_commands.record,
+    TuneConfig: run_commands.tune,
+    TrainConfig: run_commands.train,
     EvaluateConfig: run_commands.evaluate,
     ExportConfig: run_commands.export,
     CompareConfig: run_commands.compare,
@@ -34,11 +36,6 @@ _COMMANDS: dict[type, Callable[[Any, PrintLine], CommandResult]] = {
     SweepConfig: run_commands.sweep,
     FiguresConfig: run_commands.figures,
     DoctorCommand: setup_commands.doctor,
-}
-# These also take the words of the command line, which their runs keep.
-_STARTING_RUNS: dict[type, Callable[[Any, PrintLine, Sequence[str]], CommandResult]] = {
-    TuneConfig: run_commands.tune,
-    TrainConfig: run_commands.train,
 }
 
 
@@ -53,9 +50,6 @@ def check_first(command: Any) -> None:
         load_any_task(command.task)
 
 
-def run(command: Any, print_line: PrintLine, typed: Sequence[str]) -> CommandResult:
-    """Run a command; `print_line` gets the lines for people, `typed`: the command line's words."""
-    kind = type(command)
-    if kind in _STARTING_RUNS:
-        return _STARTING_RUNS[kind](command, print_line, typed)
-    return _COMMANDS[kind](command, print_line)
+def run(command: Any, print_line: PrintLine) -> CommandResult:
+    """Run a command; `print_line` gets the lines for people."""
+    return _COMMANDS[type(command)](command, print_line)

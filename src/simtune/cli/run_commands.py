@@ -4,7 +4,6 @@ import shlex
 import sys
 import time
 import webbrowser
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +27,11 @@ _NO_RECORDINGS = (
 )
 
 
-def tune(config: TuneConfig, print_line: PrintLine, typed: Sequence[str]) -> CommandResult:
+def tune(config: TuneConfig, print_line: PrintLine) -> CommandResult:
     from simtune.experiment.finished import finished_result
     from simtune.progress import ProgressBar
 
-    if not any(word.partition("=")[0] == "--real" for word in typed):
+    if not any(word.partition("=")[0] == "--real" for word in sys.argv):
         print(_NO_RECORDINGS, file=sys.stderr, flush=True)
     began_s = time.monotonic()
     with ProgressBar(60 * config.budget_minutes) as progress:
@@ -41,25 +40,25 @@ def tune(config: TuneConfig, print_line: PrintLine, typed: Sequence[str]) -> Com
             from simtune.tuning_run import tune  # and torch: up to 20 s on a busy machine
 
             loading_s = time.monotonic() - began_s
-            result = tune(config, progress, command=_command(typed), loading_s=loading_s)
+            result = tune(config, progress, command=_command(), loading_s=loading_s)
     return _print_result(result, config.out, print_line)
 
 
-def train(config: TrainConfig, print_line: PrintLine, typed: Sequence[str]) -> CommandResult:
+def train(config: TrainConfig, print_line: PrintLine) -> CommandResult:
     from simtune.algorithm import train
     from simtune.progress import ProgressBar
 
     with ProgressBar() as progress:
-        result = train(config, progress, command=_command(typed))
+        result = train(config, progress, command=_command())
     return _print_result(result, config.out, print_line)
 
 
 def _print_result(result: dict[str, Any], out: Path, print_line: PrintLine) -> CommandResult:
     """Print the estimates if there are any, all warnings, and a policy's scores."""
     from simtune.api.table import lines
-    from simtune.report.read_run import read_run
     from simtune.report.trust import mean_error, num_holding
     from simtune.report.words import number
+    from simtune.run_data import read_run
 
     if result["method"] not in UNTUNED:
         print_line("\n".join(lines(run := read_run(out))))
@@ -89,9 +88,9 @@ def _print_result(result: dict[str, Any], out: Path, print_line: PrintLine) -> C
     return CommandResult(result | {"report": report})
 
 
-def _command(typed: Sequence[str]) -> str:
+def _command() -> str:
     """The command line, as stored in result.json."""
-    return shlex.join(["simtune", *typed])
+    return shlex.join(["simtune", *sys.argv[1:]])
 
 
 def evaluate(config: EvaluateConfig, print_line: PrintLine) -> CommandResult:
@@ -105,13 +104,13 @@ def evaluate(config: EvaluateConfig, print_line: PrintLine) -> CommandResult:
 
 
 def export(config: ExportConfig, print_line: PrintLine) -> CommandResult:
-    from simtune.export import export, summary
+    from simtune.export import export, how_sure
 
     out = export(config)
     what = f"{out / 'model.xml'}, with its numbers in parameters.json and apply.py"
     what += ", and samples.csv" * bool(config.samples)
     what += f", and {config.format}_worlds.py" * (config.format != "samples")
-    lines = [str(out)] if config.is_file else [what, *summary(config.run_folder)]
+    lines = [str(out)] if config.is_file else [what, *how_sure(config.run_folder)]
     print_line("\n".join(lines))
     files = [out] if config.is_file else sorted(path for path in out.rglob("*") if path.is_file())
     return CommandResult({"files": [str(path) for path in files]})

@@ -21,8 +21,7 @@ from scipy.special import chdtrc, ndtr, ndtri
 from simtune.columns import cut
 from simtune.compare.estimates import in_common, read_estimates
 from simtune.config import CompareConfig
-from simtune.report.data import RunData
-from simtune.report.read_run import read_finished
+from simtune.run_data import RunData, read_finished
 
 _MOST_NAMED = 5  # parameters that a run does not tell
 FALSE_ALARM_RATE = 0.05  # share of sets of runs that agree but are reported to disagree

@@ -9,8 +9,8 @@ import numpy as np
 
 from simtune.columns import cut
 from simtune.errors import InputError
-from simtune.report.data import RunData
 from simtune.run.sources import SOURCES
+from simtune.run_data import RunData
 
 _MOST_NAMED = 5  # parameters
 

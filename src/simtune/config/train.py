@@ -35,9 +35,9 @@ class TrainConfig(Prints, RealConfig):
     preset: Literal["fast", "paper"] = "fast"
     """fast: a teacher that knows the state, and a student on pictures: minutes on two CPU cores;
     paper: SAC on pictures, and everything else as in the paper: a GPU and a day."""
-    agent: Literal["teacher_student", "curl_sac", "drqv2"] | None = None
+    agent: Literal["teacher_student", "curl_sac"] | None = None
     """How the policy learns: teacher_student, the default; curl_sac, the paper's SAC on pictures,
-    and the default with --preset paper; drqv2, another learner on pictures alone (DrQ-v2)."""
+    and the default with --preset paper."""
     search: Literal["posterior", "paper"] | None = None
     """How autotune searches; by default posterior, with --preset paper the paper's search."""
     policy_steps: int | None = None
@@ -46,9 +46,6 @@ class TrainConfig(Prints, RealConfig):
     pretrain_steps: int = 0
     """How many of these steps use domain randomisation around the start, before the real world is
     filmed; then the policy acts there instead of random actions (sim-to-real, Sec. VI-B)."""
-    drop_far: bool = False
-    """When the simulator is updated, forget the policy's experience in worlds farther than
-    --range-policy from it."""
     real_episodes: int | None = None
     """Real episodes to film at first, by default 5, with random actions, a noisy script or, with
     --pretrain-steps, the policy; or to read from recordings, by default all, at most 10."""
@@ -103,7 +100,7 @@ class TrainConfig(Prints, RealConfig):
             usual_without(self, "--search paper or --method regression", *own)
         check_known_colour(self.known_colour, search)
         if not self.has_search:
-            own = ("real_episodes", "tried_episodes", "range_policy", "drop_far")
+            own = ("real_episodes", "tried_episodes", "range_policy")
             usual_without(self, "--method autotune or regression", *own)
         if self.method != "dr" and not self.pretrain_steps:
             usual_without(self, "--method dr or --pretrain-steps", "range_dr")

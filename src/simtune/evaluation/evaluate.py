@@ -7,7 +7,7 @@ from typing import Any
 from simtune.config import EvaluateConfig, TrainConfig
 from simtune.errors import InputError
 from simtune.evaluation.replay import evaluate_replay
-from simtune.experiment.outcome import summary
+from simtune.experiment.outcome import mean_and_spread
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
 from simtune.parameters.values_file import read_parameters
@@ -18,6 +18,11 @@ from simtune.tuning.estimate import Estimate
 
 _OPTIONS = [field.name for field in fields(TrainConfig)]
 _EPISODES = 20
+_NONE = "is no folder that `simtune train` wrote"
+_REPLAYED = (
+    "is of `simtune tune` and has no policy to score: give --real RECORDINGS "
+    "with readings of its tuning file's [[sensors]], which are replayed"
+)
 _PATHS = ("robot", "real_parameters")  # options that config.json stores as text
 
 
@@ -31,8 +36,7 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
     config.check()
     if config.real is not None:
         return evaluate_replay(config.run_folder, config.real, config.episodes)
-    refuse_tuned(config.run_folder)
-    stored = _stored(config.run_folder)
+    stored = _stored(config.run_folder, if_tuned=_REPLAYED)
     if stored["config"]["real"] != "pseudo" and config.parameters is None:
         raise InputError(
             f"{config.run_folder} is of the real world, where no return is known; give "
@@ -45,19 +49,8 @@ def evaluate(config: EvaluateConfig, settings: Settings | None = None) -> dict[s
         assert trained.truth is not None, "of a pseudo-real world"
         world = trained.truth.for_oracle()
     scores, _ = trained.score(world, config.episodes or _EPISODES, config.seed)
-    returns = summary(scores.pop("return"))
-    return returns | {goal: summary(reached) for goal, reached in scores.items()}
-
-
-def refuse_tuned(run_folder: Path) -> None:
-    """Raises InputError, with what to do, for a run of `tune`, which has no policy to score."""
-    is_run = (run_folder / "config.json").is_file()
-    stored = stored_config(run_folder) if is_run else None
-    if stored and "task" in stored["config"] and "method" not in stored["config"]:
-        raise InputError(
-            f"{run_folder} is of `simtune tune` and has no policy to score: give --real RECORDINGS "
-            "with readings of its tuning file's [[sensors]], which are replayed"
-        )
+    returns = mean_and_spread(scores.pop("return"))
+    return returns | {goal: mean_and_spread(reached) for goal, reached in scores.items()}
 
 
 def load_trained(run_folder: Path, settings: Settings | None = None) -> TrainingExperiment:
@@ -122,14 +115,15 @@ def _check_unchanged(trained: TrainingExperiment, stored: dict[str, Any], run_fo
     )
 
 
-def _stored(run_folder: Path) -> dict[str, Any]:
+def _stored(run_folder: Path, if_tuned: str = _NONE) -> dict[str, Any]:
     """config.json of a training, with defaults of options that its version did not have.
 
-    Raises InputError if there is none.
+    Raises InputError if there is none; `if_tuned` says so of a run of `tune`.
     """
     is_run = (run_folder / "config.json").is_file()
     stored = stored_config(run_folder) if is_run else None
     if stored is None or "method" not in stored["config"]:
-        raise InputError(f"{run_folder} is no folder that `simtune train` wrote")
+        is_tuned = stored is not None and "task" in stored["config"]
+        raise InputError(f"{run_folder} {if_tuned if is_tuned else _NONE}")
     check_names_task(run_folder, stored["config"])
     return stored | {"config": option_defaults(TrainConfig) | stored["config"]}

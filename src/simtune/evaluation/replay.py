@@ -12,12 +12,11 @@ from simtune.checking.replayed_contacts import in_words, touching
 from simtune.columns import cut
 from simtune.config import TuneConfig
 from simtune.errors import InputError
-from simtune.fit.readings.stretches import travel
-from simtune.observation import assumed_noise, finds_offset, joints_of
+from simtune.fit.readings.readings import travel
+from simtune.observation import assumed_noise, finds_offset
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
-from simtune.report.data import RunData
-from simtune.report.read_run import finished, read_run
+from simtune.run_data import RunData, finished, read_run
 from simtune.tasks import Task, with_model
 from simtune.trajectory import Trajectory
 from simtune.validate import is_number
@@ -59,7 +58,7 @@ def evaluate_replay(run_folder: Path, recordings: Path, num_episodes: int | None
     for name, facts in run.readings.items():
         if is_number(facts.get("rms")):
             sensors[name]["rms_tuned_to"] = facts["rms"]
-    joints = joints_of(real.observation.sensors)
+    joints = real.observation.sensors
     finds = zip(replayed.labels, finds_offset(joints), strict=True)
     noise = dict(zip(replayed.labels, assumed_noise(joints).tolist(), strict=True))
     far = far_off(sensors, noise)

@@ -6,19 +6,18 @@ from typing import Any
 
 import torch
 
-from simtune.checking.film.at_first_sight import film_warnings
+from simtune.checking.film.of_episodes import film_warnings
 from simtune.checking.image_size import choose_image_size
-from simtune.checking.recording_warnings import warnings_of
+from simtune.checking.recording_warnings import trajectory_warnings
 from simtune.checking.replays import RecordedReplays
 from simtune.config import TuneConfig
 from simtune.devices import choose_device
 from simtune.errors import InputError
 from simtune.experiment.problem import TuningProblem, build_problem
-from simtune.experiment.search_settings import choose_search_settings
+from simtune.experiment.search_settings import choose_search_settings, make_search
 from simtune.experiment.settings import Settings
 from simtune.names import SearchName
 from simtune.networks.layers import under
-from simtune.observation import joints_of
 from simtune.progress import ReportProgress, silent
 from simtune.simulation import Simulator
 from simtune.tasks import (
@@ -29,8 +28,7 @@ from simtune.tasks import (
     with_one_square_camera,
 )
 from simtune.trajectory import Trajectory
-from simtune.tuning.make_search import make_search
-from simtune.tuning.readings.search import ReadingsConfig, ReadingsSearch
+from simtune.tuning.readings.search import ReadingsSearch
 from simtune.tuning.search import Search
 
 
@@ -45,8 +43,8 @@ class Experiment(TuningProblem):
     def warnings(self, real: list[Trajectory]) -> list[str]:
         """Possible problems of recordings; none are known for other real episodes."""
         facts, simulator, seen = self.real.facts, self.simulator, self.context.observation
-        found = warnings_of(self.task, facts, real, self.search_name)
-        is_recorded = "cameras" in facts and bool(joints_of(seen.sensors))
+        found = trajectory_warnings(self.task, facts, real, self.search_name)
+        is_recorded = "cameras" in facts and bool(seen.sensors)
         if is_recorded and isinstance(simulator, Simulator):
             found += RecordedReplays(simulator, seen, real, facts["names"]).start_warnings()
         return found
@@ -132,6 +130,4 @@ def _search_readings(problem: TuningProblem, name: SearchName) -> Search:
     shown = [p.name for p in problem.space if p.is_appearance]
     if shown and not problem.task.cameras:
         raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
-    return ReadingsSearch(
-        problem.context, ReadingsConfig(precision=problem.config.relative_precision)
-    )
+    return ReadingsSearch(problem.context, problem.config.relative_precision)

@@ -15,8 +15,8 @@ from simtune.parameters.values_file import read_parameters
 from simtune.real.observed import observed, open_recordings
 from simtune.real.truth import Truth
 from simtune.run.config import TIME_IS_OVER, check_asked, stored_config
-from simtune.run.files import read_json
 from simtune.run.kept import kept_state
+from simtune.run.stored import read_result
 from simtune.run.versions import changed_versions
 from simtune.tasks import AnyTask, load_any_task
 
@@ -83,12 +83,11 @@ def recordings_hash(config: TuneConfig | TrainConfig, task: AnyTask) -> str:
 
 def _result(out: Path) -> dict[str, Any] | None:
     """A result.json that has what a finished run's has."""
-    try:
-        result = read_json(out / "result.json")
-        is_whole = isinstance(result["stopped"], str) and "method" in result and "search" in result
-        return result if is_whole and isinstance(result["warnings"], list) else None
-    except (OSError, ValueError, TypeError, KeyError):
+    result = read_result(out)
+    if result is None or not {"method", "search"} <= result.keys():
         return None
+    is_whole = isinstance(result.get("stopped"), str) and isinstance(result.get("warnings"), list)
+    return result if is_whole else None
 
 
 def _is_over(config: TuneConfig, result: Mapping[str, Any], state: Mapping[str, Any]) -> bool:

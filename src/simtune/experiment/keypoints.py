@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from simtune.fit import left_open, set_up_loop
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel
 from simtune.randomization import Distribution
 from simtune.simulation import AnySimulator, Points
 from simtune.tasks import AnyTask
@@ -28,7 +28,7 @@ def keypoints_of_run(
     points, nominal = every_keypoint(simulator), task.parameters.nominal
     if state is not None:
         return points.with_state(state["keypoints"])
-    if isinstance(points, Keypoints) and seen and joints_of(seen.sensors):
+    if isinstance(points, Keypoints) and seen and seen.sensors:
         loop = set_up_loop(simulator, seen, nominal)
         points = points.select(np.flatnonzero(left_open(loop, points, nominal)).tolist())
     return find_keypoints(simulator, Distribution.first(task.parameters, nominal), seed, points)

@@ -115,7 +115,7 @@ def joint_posterior(joint: Joint, estimate: Estimate, draws: np.ndarray) -> dict
     return plain({"covariance": matrix, "combinations": found})
 
 
-def summary(values: np.ndarray) -> dict[str, float]:
+def mean_and_spread(values: np.ndarray) -> dict[str, float]:
     """Mean and spread of (n,) episodes' returns, or of whether they reached a goal."""
     return {"mean": float(values.mean()), "std": float(values.std()), "episodes": len(values)}
 

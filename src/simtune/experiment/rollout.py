@@ -8,8 +8,9 @@ from mujoco.batch import Batch
 from simtune.agents import Observation
 from simtune.observation import ObservationModel
 from simtune.real.gap import RealityGap
-from simtune.replay import Episodes
+from simtune.replay_buffer import Episodes
 from simtune.simulation import (
+    Act,
     FrameStacker,
     Rollouts,
     Simulator,
@@ -20,7 +21,7 @@ from simtune.simulation import (
 from simtune.tasks import Task
 from simtune.vision.keypoints import Keypoints
 
-Policy = Callable[[Observation], np.ndarray]  # (n, A) actions in [−1, 1]
+ActOnObservation = Callable[[Observation], np.ndarray]  # (n, A) actions in [−1, 1]
 
 
 class PolicyWorlds:
@@ -82,7 +83,7 @@ class PolicyWorlds:
 
     def play(
         self,
-        policy: Policy,
+        policy: ActOnObservation,
         parameters: np.ndarray,
         rng: np.random.Generator,
         film: bool = True,
@@ -102,20 +103,9 @@ class PolicyWorlds:
         stacker, stray = self._stacker(parameters, rng) if film else (None, None)
         keypoints = self.keypoints if film else None
         actions = np.empty((len(parameters), num_steps, simulator.num_actions), np.float32)
-
-        def act(t: int, full_states: np.ndarray) -> np.ndarray:
-            frames = stacker.draw(t, full_states) if stacker else None
-            # A diverged world may hold NaN; the others continue.
-            states = np.nan_to_num(self.observe(full_states))
-            states = np.hstack([states, self._latest(actions, t)])
-            actions[:, t] = policy(Observation(states, frames))
-            if not np.isfinite(actions[:, t]).all():
-                raise RuntimeError("the policy's actions are no numbers: its training diverged")
-            return scale_actions(simulator.action_mapping, actions[:, t])
-
         rollouts = simulator.play(
             parameters,
-            acting_late(act, delay_steps),
+            acting_late(self._acting(policy, actions, stacker), delay_steps),
             num_steps,
             rng,
             observe=lambda batch: self._observe_batch(batch, keypoints),
@@ -145,6 +135,23 @@ class PolicyWorlds:
         stray = seen.stray_light(len(parameters), rng) if seen else None
         size = self.task.episode_steps, self.num_stacked
         return FrameStacker(simulator, parameters, *size, camera, stray), stray
+
+    def _acting(
+        self, policy: ActOnObservation, actions: np.ndarray, stacker: FrameStacker | None
+    ) -> Act:
+        """What acts as the policy does, and notes its own actions in (n, T, A) `actions`."""
+
+        def act(t: int, full_states: np.ndarray) -> np.ndarray:
+            frames = stacker.draw(t, full_states) if stacker else None
+            # A diverged world may hold NaN; the others continue.
+            states = np.nan_to_num(self.observe(full_states))
+            states = np.hstack([states, self._latest(actions, t)])
+            actions[:, t] = policy(Observation(states, frames))
+            if not np.isfinite(actions[:, t]).all():
+                raise RuntimeError("the policy's actions are no numbers: its training diverged")
+            return scale_actions(self.simulator.action_mapping, actions[:, t])
+
+        return act
 
     def _latest(self, actions: np.ndarray, t: int) -> np.ndarray:
         """(n, max_delay_steps · A): those of (n, T, A) actions before step t, the newest first."""

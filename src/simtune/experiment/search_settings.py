@@ -1,4 +1,4 @@
-"""Settings of the searches, as options and presets choose them."""
+"""Searches by their names, and their settings, as options and presets choose them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,8 +12,13 @@ from simtune.networks.pixel_encoder import crop_of
 from simtune.search_param_model.paper import PaperConfig
 from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
+from simtune.tuning.paper import PaperSearch
 from simtune.tuning.policy_range import WIDER
+from simtune.tuning.posterior import PosteriorSearch
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.search import Search, SearchContext
+
+SearchSettings = PosteriorSearchConfig | PaperConfig
 
 # Nothing here may end by the clock, or no run could be repeated: less is learnt, but always all.
 _FAST_SEARCH = PosteriorSearchConfig(
@@ -29,13 +34,26 @@ _FAST_SEARCH = PosteriorSearchConfig(
 )
 
 
+def make_search(name: SearchName, context: SearchContext, settings: SearchSettings) -> Search:
+    """A search that starts at `context.start`; `settings` must be of its own kind.
+
+    Raises InputError for an environment with a window-based search, whose frames are drawn anew
+    when a run resumes, and if nothing moves that could show a hidden parameter.
+    """
+    if name == "posterior":
+        assert isinstance(settings, PosteriorSearchConfig)
+        return PosteriorSearch(context, settings)
+    assert isinstance(settings, PaperConfig)
+    return PaperSearch(context, settings, method=name)
+
+
 def choose_search_settings(
     config: TuneConfig | TrainConfig,
     search_name: SearchName,
     task: AnyTask,
     recordings: Sequence[Trajectory],
     image_size: int,
-) -> PosteriorSearchConfig | PaperConfig:
+) -> SearchSettings:
     """The search's settings, for pictures of `image_size` pixels.
 
     Raises InputError for too long a window.

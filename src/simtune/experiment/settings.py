@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from simtune.agents import Agent, AgentSpec, make_agent
 from simtune.before_after.start_search import StartSearchConfig
 from simtune.experiment.schedule import Schedule
-from simtune.tuning.make_search import SearchSettings
+from simtune.experiment.search_settings import SearchSettings
 
 
 @dataclass(frozen=True, kw_only=True)

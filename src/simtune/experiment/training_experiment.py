@@ -29,7 +29,7 @@ from simtune.networks.layers import under
 from simtune.progress import ReportProgress, silent
 from simtune.random_streams import Purpose, stream
 from simtune.real.recorded import RecordedReal
-from simtune.replay import Replay
+from simtune.replay_buffer import ReplayBuffer
 from simtune.tasks import Task, check_reward, load_task, with_known_colours, with_one_square_camera
 
 
@@ -43,7 +43,7 @@ class TrainingExperiment(Experiment):
     learnt_in: PolicyWorlds
     scored_in: PolicyWorlds  # with the reality gap, if there is one
     agent: Agent
-    replay: Replay
+    replay: ReplayBuffer
     # Steps by which actions are late in the real world that a loaded policy was trained for
     found_delay_steps: int = 0
 

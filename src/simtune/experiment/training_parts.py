@@ -14,7 +14,7 @@ from simtune.randomization import Distribution
 from simtune.real import RealWorld
 from simtune.real.gap import RealityGap
 from simtune.real.robot import RobotReal
-from simtune.replay import Replay
+from simtune.replay_buffer import ReplayBuffer
 from simtune.run.kept import kept_state
 from simtune.simulation import Simulator
 from simtune.tasks import Task
@@ -132,11 +132,11 @@ def agent_of(
     return settings.make_agent(choose_agent(config), spec)
 
 
-def replay_of(schedule: Schedule, task: Task, device: str) -> Replay:
+def replay_of(schedule: Schedule, task: Task, device: str) -> ReplayBuffer:
     """Room for all episodes, but only for the latest frames."""
     num_episodes = -(-schedule.total_steps // task.episode_steps)
     num_filmed = -(-schedule.filmed_steps // task.episode_steps)
-    return Replay(
+    return ReplayBuffer(
         task.parameters,
         filmed_capacity=min(num_filmed, num_episodes),
         unfilmed_capacity=num_episodes,

@@ -9,18 +9,17 @@ import numpy as np
 
 from simtune.config import ExportConfig
 from simtune.errors import InputError
+from simtune.export.how_sure import how_sure
 from simtune.export.mjcf import tuned_model, write_mjcf
 from simtune.export.samples import draw_samples, write_samples
 from simtune.export.script import apply_script
-from simtune.export.summary import summary
 from simtune.export.worlds import refuse_unfit, write_module, write_worlds
 from simtune.parameters import ModelWriter, ParameterSpace
-from simtune.report.data import RunData
-from simtune.report.read_run import read_finished
 from simtune.run.files import write_atomically, write_json
+from simtune.run_data import RunData, read_finished
 from simtune.tasks import Task, with_model
 
-__all__ = ["draw_samples", "export", "summary", "tuned_model"]
+__all__ = ["draw_samples", "export", "how_sure", "tuned_model"]
 
 _PROVENANCE = ("command", "method", "search", "seed", "real", "real_episodes", "recordings")
 _MODEL_CHECKS = ("warnings", "correlations", "combinations")

@@ -11,8 +11,8 @@ import numpy as np
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.random_streams import Purpose, stream
-from simtune.report.data import RunData
 from simtune.run.files import write_atomically
+from simtune.run_data import RunData
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.joint import Joint
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from simtune.figures.records import Record
+from simtune.figures.records import FinishedRun
 from simtune.validate import is_number
 
 ORDER = ("autotune", "regression", "dr", "untuned", "oracle")  # of methods; others come after
@@ -24,7 +24,7 @@ class Group:
     """Runs that differ only by their seeds."""
 
     method: str
-    runs: list[Record]
+    runs: list[FinishedRun]
 
     @property
     def num_seeds(self) -> int:
@@ -100,9 +100,9 @@ class Setting:
         return next((group for group in self.groups if group.method == method), None)
 
 
-def settings(records: Sequence[Record]) -> list[Setting]:
+def settings(records: Sequence[FinishedRun]) -> list[Setting]:
     """All settings of the runs, trainings first, gaps last."""
-    apart: dict[tuple[bool, bool, bool, str], list[Record]] = {}
+    apart: dict[tuple[bool, bool, bool, str], list[FinishedRun]] = {}
     for record in records:
         gap, first = (bool(record.config.get(name)) for name in ("real_gap", "pretrain_steps"))
         apart.setdefault((gap, first, not record.is_training, record.task), []).append(record)
@@ -114,13 +114,13 @@ def settings(records: Sequence[Record]) -> list[Setting]:
     return list(found.values())
 
 
-def _setting(key: tuple[bool, bool, bool, str], records: list[Record]) -> Setting:
+def _setting(key: tuple[bool, bool, bool, str], records: list[FinishedRun]) -> Setting:
     has_gap, is_pretrained, is_tuning, task = key
     names = dict.fromkeys(name for record in records for name in record.options)
     # {option: methods that use it}: domain randomisation films no real episodes
     users = {n: {record.method for record in records if n in record.options} for n in names}
     usual = _usual(records, users)
-    apart: dict[frozenset[str], list[Record]] = {}
+    apart: dict[frozenset[str], list[FinishedRun]] = {}
     for record in records:
         own = [(n, v) for n, v in usual.items() if record.method in users[n]]
         differing = frozenset(n for n, v in own if record.options.get(n) != v)
@@ -143,7 +143,7 @@ def _setting(key: tuple[bool, bool, bool, str], records: list[Record]) -> Settin
     )
 
 
-def _usual(records: list[Record], users: Mapping[str, set[str]]) -> dict[str, Any]:
+def _usual(records: list[FinishedRun], users: Mapping[str, set[str]]) -> dict[str, Any]:
     """{option: most common value} of varied options; of equally common ones, the first."""
     values = {
         name: [record.options.get(name) for record in records if record.method in methods]
@@ -157,18 +157,18 @@ def _usual(records: list[Record], users: Mapping[str, set[str]]) -> dict[str, An
     }
 
 
-def _by_method(records: list[Record]) -> list[Group]:
-    found: dict[str, list[Record]] = {}
+def _by_method(records: list[FinishedRun]) -> list[Group]:
+    found: dict[str, list[FinishedRun]] = {}
     for record in records:
         found.setdefault(record.method, []).append(record)
     place = {method: i for i, method in enumerate(ORDER)}
     return [Group(m, found[m]) for m in sorted(found, key=lambda m: (place.get(m, len(ORDER)), m))]
 
 
-def _ablation(option: str, common: list[Record], varied: list[Record]) -> Ablation:
+def _ablation(option: str, common: list[FinishedRun], varied: list[FinishedRun]) -> Ablation:
     """Methods with varied runs, sorted by the option's value: numbers first, then others."""
     methods = {record.method for record in varied}
-    found: dict[str, tuple[Any, list[Record]]] = {}
+    found: dict[str, tuple[Any, list[FinishedRun]]] = {}
     for record in [*(r for r in common if r.method in methods), *varied]:
         value = record.options.get(option)
         found.setdefault(repr(value), (value, []))[1].append(record)

@@ -10,6 +10,7 @@ from typing import Any
 from simtune.errors import InputError
 from simtune.parameters.accuracy import FLOOR, percent_error
 from simtune.run.files import read_json, read_jsonl
+from simtune.run.stored import read_object
 from simtune.tasks import TASKS
 from simtune.validate import is_number
 
@@ -20,7 +21,7 @@ _NO_CONDITIONS += ("real_parameters", "task_name", "json")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class FinishedRun:
     """A run with a result."""
 
     name: str
@@ -129,7 +130,7 @@ def _points(lines: list[dict[str, Any]], x: str, y: str) -> list[tuple[float, fl
     return [(float(a), float(b)) for a, b in pairs if is_number(a) and is_number(b)]
 
 
-def read_records(folder: Path) -> tuple[list[Record], list[str]]:
+def read_records(folder: Path) -> tuple[list[FinishedRun], list[str]]:
     """All finished runs in a folder, at any depth, and the names of runs without a result.
 
     A sweep's pilots are skipped. Raises InputError if there are no runs, or one is damaged.
@@ -162,18 +163,15 @@ def _not_done(board: Path) -> list[str]:
         raise InputError(f"{board} is damaged: {type(error).__name__}: {error}") from None
 
 
-def _read(path: Path, folder: Path) -> Record | None:
-    try:
-        config = read_json(path / "config.json")["config"]
-        if not isinstance(config, dict):
-            raise ValueError("config.json has no options of a run")
-        if not (path / "result.json").is_file():
-            return None
-        result = read_json(path / "result.json")
-        if not isinstance(result, dict) or not {"task", "parameters"} <= result.keys():
-            raise ValueError("result.json is none of a run")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} is damaged: {type(error).__name__}: {error}") from None
+def _read(path: Path, folder: Path) -> FinishedRun | None:
+    config = read_object(path / "config.json").get("config")
+    if not isinstance(config, dict):
+        raise InputError(f"{path} is damaged: its config.json has no options of a run")
+    if not (path / "result.json").is_file():
+        return None
+    result = read_object(path / "result.json")
+    if not {"task", "parameters"} <= result.keys():
+        raise InputError(f"{path} is damaged: its result.json is none of a run")
     metrics = read_jsonl(path / "metrics.jsonl")
     name = str(path.relative_to(folder))
-    return Record(name=name, config=config, result=result, metrics=metrics)
+    return FinishedRun(name=name, config=config, result=result, metrics=metrics)

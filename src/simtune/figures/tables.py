@@ -9,7 +9,7 @@ import numpy as np
 from simtune.config import UNTUNED
 from simtune.figures.authors import AUTHORS
 from simtune.figures.groups import ORDER, Group, Setting
-from simtune.figures.records import Record
+from simtune.figures.records import FinishedRun
 from simtune.figures.statistics import Centre, centre, interquartile_mean, stratified
 
 
@@ -112,7 +112,7 @@ def flat(row: Row) -> dict[str, Any]:
     return cells
 
 
-def run_row(record: Record) -> dict[str, Any]:
+def run_row(record: FinishedRun) -> dict[str, Any]:
     """A single run as a row of the CSV, for checking the figures or drawing others."""
     names = ("return", "success", "near_success", "percent_error", "real_episodes")
     names += ("policy_steps", "sim_steps", "wall_s")

@@ -19,7 +19,7 @@ from simtune.figures.figure import Figure
 from simtune.figures.gather import figures_of
 from simtune.figures.groups import Setting, settings
 from simtune.figures.raster import png
-from simtune.figures.records import Record, read_records
+from simtune.figures.records import FinishedRun, read_records
 from simtune.report import words
 from simtune.run.files import write_atomically
 from simtune.validate import is_number
@@ -67,7 +67,7 @@ def _write_files(
     environment: Environment,
     found: Sequence[Setting],
     drawn: Mapping[str, Sequence[Figure]],
-    records: Sequence[Record],
+    records: Sequence[FinishedRun],
 ) -> None:
     folder.mkdir(exist_ok=True)
     template = environment.get_template("figure.svg.html")

@@ -13,12 +13,7 @@ from simtune.fit.calibration.model_checks import (
     what_is_unexplained,
 )
 from simtune.fit.calibration.refits import Refits
-from simtune.fit.calibration.uncertainty import (
-    calibrated,
-    correlated_pairs,
-    ranks,
-    to_range_units,
-)
+from simtune.fit.calibration.uncertainty import calibrated, correlated_pairs
 from simtune.fit.fit_warnings import (
     bound_warnings,
     delay_warnings,
@@ -26,7 +21,7 @@ from simtune.fit.fit_warnings import (
 )
 from simtune.fit.lateness import PICTURES, READINGS, Lateness, states_in_late_pictures
 from simtune.fit.motion.estimator import StateEstimator
-from simtune.fit.observed import Observed
+from simtune.fit.observed import Observed, Split
 from simtune.fit.physics import Physics
 from simtune.fit.pictures.response import Photometry
 from simtune.fit.readings.descent import Descent
@@ -35,22 +30,19 @@ from simtune.fit.readings.loop_setup import set_up_loop, where_starts_show
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.output_error import OutputErrorMethod, ReplayStage
 from simtune.fit.readings.output_error_fit import OutputErrorFit
+from simtune.fit.readings.readings import Readings
 from simtune.fit.readings.recorded_loop import recorded_loop
 from simtune.fit.readings.replay_objective import Guess
 from simtune.fit.readings.segments import FEWEST_STEPS
-from simtune.fit.readings.sensitivity import MOST_EPISODES
-from simtune.fit.readings.stretches import Readings
 from simtune.fit.readings.whole_episodes import replay_whole
 from simtune.fit.replay_fit import ReplayFit
 from simtune.fit.result import FitResult, PointEstimate
 from simtune.fit.sizing import FitConfig, FitWork, count_fit_steps
-from simtune.fit.split import Split
 
 __all__ = [
     "FEWEST_STEPS",
     "FEW_EPISODES",
     "MANY_EPISODES",
-    "MOST_EPISODES",
     "PICTURES",
     "READINGS",
     "Descent",
@@ -87,14 +79,12 @@ __all__ = [
     "lacks_known_worlds",
     "left_open",
     "model_checks",
-    "ranks",
     "recorded_loop",
     "replay_whole",
     "run_bootstrap",
     "set_up_loop",
     "states_in_late_pictures",
     "timestep_warning",
-    "to_range_units",
     "what_is_unexplained",
     "where_starts_show",
 ]

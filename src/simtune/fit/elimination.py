@@ -25,6 +25,11 @@ class NormalEquations(NamedTuple):
             np.einsum("gw,wp->gp", groups, self.shared_gradient),
         )
 
+    def own_step(self, shared_step: np.ndarray) -> np.ndarray:
+        """(W, F) −H⁻¹ (g + C δθ): what own unknowns do after a (P,) step δθ of the shared ones."""
+        gradient = self.gradient + self.cross @ shared_step
+        return -np.linalg.solve(self.hessian, gradient[..., None])[..., 0]
+
     def promised(self, information: np.ndarray, gradient: np.ndarray) -> float:
         """Decrease of the cost in a full linear step of own and shared unknowns.
 

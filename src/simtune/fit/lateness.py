@@ -15,6 +15,7 @@ from simtune.simulation import Simulator
 
 PICTURES, READINGS = "pictures", "readings"
 MOST_STEPS = 0.75  # largest lateness, either way
+STEPS_PER_UNIT = 2 * MOST_STEPS  # derivative of `steps_late`
 _END_STEPS = 0.05  # to the end of that range, where it is no longer free
 _PREDICTIONS_PER_STEP = 4  # if there are as many substeps: a wheel may turn far in a step
 
@@ -59,35 +60,6 @@ class Lateness:
     def predictions_per_step(self) -> int:
         return len(self.shares) - 1
 
-    @staticmethod
-    def steps(unit: np.ndarray) -> np.ndarray:
-        """Lateness in steps, from the unit coordinate in which it is fitted."""
-        return (2 * unit - 1) * MOST_STEPS
-
-    @classmethod
-    def steps_per_unit(cls) -> float:
-        """The derivative of `steps`."""
-        return float(cls.steps(np.array(1.0)) - cls.steps(np.array(0.0)))
-
-    @staticmethod
-    def unit(steps: float) -> float:
-        """The inverse of `steps`."""
-        return (1 + steps / MOST_STEPS) / 2
-
-    @classmethod
-    def shifted(cls, unit: float, steps: int) -> float:
-        """The unit coordinate of `steps` less, or of the least lateness."""
-        return max(0.0, cls.unit(float(cls.steps(np.array(unit))) - steps))
-
-    @classmethod
-    def found(cls, unit: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
-        """Steps and their standard deviation, from a fit's (1,) unknown; 0 if there is none."""
-        if not len(unit):
-            return 0.0, 0.0
-        std = np.sqrt(max(0.0, covariance[0, 0]))  # rounding may leave less than nothing
-        late, above = cls.steps(unit[0]), cls.steps(unit[0] + std)
-        return float(late), float(above - late)
-
     def seen(self, predicted: np.ndarray, unit: np.ndarray) -> np.ndarray:
         """(..., K, D) observations at K steps when each kind is late by its (..., G) `unit`.
 
@@ -99,7 +71,7 @@ class Lateness:
         last = (predicted.shape[-2] - 1) // num - 1
         if last < 0:
             return predicted
-        late, steps = self.steps(unit)[..., None, self.kind], np.arange(last + 2)  # (..., 1, D)
+        late, steps = steps_late(unit)[..., None, self.kind], np.arange(last + 2)  # (..., 1, D)
         before = self._within(predicted, np.maximum(steps - 1, 0), late, np.arange(num + 1)[-3:])
         after = self._within(predicted, np.minimum(steps, last), late, np.arange(num + 1)[:3])
         is_before = ((late > 0) | (steps > last)[:, None]) & (steps > 0)[:, None]
@@ -120,6 +92,30 @@ class Lateness:
                 for left, right, one, other in ends
             ]
         return values[0]
+
+
+def steps_late(unit: np.ndarray) -> np.ndarray:
+    """Lateness in steps, from the unit coordinate in which it is fitted."""
+    return (2 * unit - 1) * MOST_STEPS
+
+
+def late_unit(steps: float) -> float:
+    """The inverse of `steps_late`."""
+    return (1 + steps / MOST_STEPS) / 2
+
+
+def sooner_unit(unit: float, steps: int) -> float:
+    """The unit coordinate of `steps` less, or of the least lateness."""
+    return max(0.0, late_unit(float(steps_late(np.array(unit))) - steps))
+
+
+def steps_late_and_std(unit: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+    """From a fit's (1,) unknown and its covariance; 0 if there is none."""
+    if not len(unit):
+        return 0.0, 0.0
+    std = np.sqrt(max(0.0, covariance[0, 0]))  # rounding may leave less than nothing
+    late, above = steps_late(unit[0]), steps_late(unit[0] + std)
+    return float(late), float(above - late)
 
 
 def is_too_late(late_steps: float) -> bool:

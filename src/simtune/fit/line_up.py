@@ -96,7 +96,7 @@ def _follow(
     The parameters are estimated from the `fitted` episodes.
     """
     moving = setup.moving
-    particles = Particles(setup.physics, setup.prior_std, moving, setup.config.particles)
+    particles = Particles(setup.physics, setup.prior_std, moving, setup.config.num_particles)
     unit, std = setup.space.to_unit(start.parameters), start.std.copy()
     followed = particles.follow(observed, guessed, unit, np.clip(start.std, *_PARTICLE_STD))
     estimates = followed.unit[fitted]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from simtune.budget import Budget
+from simtune.budget import NO_LIMIT, Budget
 from simtune.simulation import Simulator, StateSpace
 from simtune.simulation.held_controls import given
 
@@ -37,7 +37,7 @@ class Physics:
         self.simulator, self._observe, self._full_state = simulator, observe, full_state
         self.space, self.parameters = StateSpace(simulator.model), simulator.space
         self._rng = np.random.default_rng(0)  # starts are given, or do not matter
-        self._budget = Budget()
+        self._budget = NO_LIMIT
         self._left: tuple[bytes, np.ndarray] | None = None  # see `_left_by_controls`
 
     def within(self, budget: Budget) -> "Physics":

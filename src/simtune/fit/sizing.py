@@ -1,12 +1,12 @@
 """Sizes a fit: slow physics gets fewer particles and windows."""
 
-import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from simtune.fit.motion.particles import ParticleConfig
+from simtune.budget import timed
 from simtune.fit.motion.shooting_config import ShootingConfig
 from simtune.fit.physics import Physics
 
@@ -33,7 +33,7 @@ class FitWork(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    particles: ParticleConfig = field(default_factory=ParticleConfig)
+    num_particles: int = 64  # per episode, at most
     shooting: ShootingConfig = field(default_factory=ShootingConfig)
     num_pictures: int = 40  # in which colours are fitted, at most
     # Seconds after a fit's beginning, by which longer windows must end, the first ones excepted
@@ -53,11 +53,11 @@ class FitConfig:
         return replace(config, shooting=shooting, num_pictures=num_pictures)
 
     def _at_most(self, num_particles: int, num_windows: int) -> "FitConfig":
-        particles, shooting = self.particles, self.shooting
+        num_windows = min(num_windows, self.shooting.num_windows)
         return replace(
             self,
-            particles=replace(particles, num=min(num_particles, particles.num)),
-            shooting=replace(shooting, num_windows=min(num_windows, shooting.num_windows)),
+            num_particles=min(num_particles, self.num_particles),
+            shooting=replace(self.shooting, num_windows=num_windows),
         )
 
 
@@ -71,7 +71,7 @@ def count_fit_steps(config: FitConfig, work: FitWork) -> tuple[int, int]:
     shooting, windows = config.shooting, count_windows(config, work)
     num_derived = 1 + work.num_unknown + 2 * work.num_fitted
     played = _SIDES * shooting.steps_per_window(num_derived) + shooting.steps_of_longer(num_derived)
-    return work.num_steps * config.particles.num, windows * played
+    return work.num_steps * config.num_particles, windows * played
 
 
 def fit_to_budget(
@@ -94,11 +94,11 @@ def fit_to_budget(
 
     def needed_s(sized: FitConfig) -> np.ndarray:
         of_particles, of_windows = count_fit_steps(sized, work)
-        return np.array([begun_step_s / sized.particles.steps * of_particles, step_s * of_windows])
+        return np.array([begun_step_s * of_particles, step_s * of_windows])
 
     config = replace(config, longer_within_s=_LONGER_TIME_SHARE * at_most_s)
     particles_s, windows_s = needed_s(config)
-    num_particles, num_windows = config.particles.num, count_windows(config, work)
+    num_particles, num_windows = config.num_particles, count_windows(config, work)
     share = max(seconds / (particles_s + windows_s), _PARTICLES_TIME_SHARE * seconds / particles_s)
     share = min(1.0, share)
     of_windows = min(1.0, (seconds - share * particles_s) / windows_s)
@@ -117,7 +117,6 @@ def _seconds_per_step(physics: Physics, parameters: np.ndarray) -> tuple[float, 
     full_states, _ = physics.play(starts, units, still)
     starts, seconds = physics.states(full_states[:, -1]), []
     for count in (_TIMED_STEPS, 1):
-        began_s = time.monotonic()
-        physics.play(starts, units, still[:, :count])
-        seconds.append((time.monotonic() - began_s) / _TIMED_WORLDS / count)
+        took_s, _ = timed(partial(physics.play, starts, units, still[:, :count]))
+        seconds.append(took_s / _TIMED_WORLDS / count)
     return seconds[0], seconds[1]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import nn
 
-from simtune.budget import Budget
+from simtune.budget import NO_LIMIT, Budget
 from simtune.networks.cuda_graph import graphed, make_capturable, set_rate
 
 _WARM_UP_UPDATES = 50
@@ -24,11 +24,11 @@ class TrainingClock:
     def __init__(
         self,
         num_updates: int,
-        budget: Budget | None = None,
+        budget: Budget = NO_LIMIT,
         doing: str = "training",
         least_updates: int = 1,
     ):
-        self._num_updates, self._budget, self._doing = num_updates, budget or Budget(), doing
+        self._num_updates, self._budget, self._doing = num_updates, budget, doing
         self._least_updates = min(least_updates, num_updates)
         self.updates = 0
 

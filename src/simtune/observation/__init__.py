@@ -1,4 +1,4 @@
-"""Observations of the real world: its cameras, and other sensors.
+"""Observations of the real world: its cameras, and sensors of joints.
 
 The real world owns an `ObservationModel` and hands it down. Only this says whether pictures are the
 simulator's own, how late actions may take effect and how large the discrepancy is. A fit asks the
@@ -15,26 +15,22 @@ from simtune.observation.joints import (
     columns_of,
     declared_noise,
     finds_offset,
-    joints_of,
     measured_places,
     units_of,
 )
 from simtune.observation.model import ObservationModel
-from simtune.observation.sensor import Sensor
 
 __all__ = [
     "AllEvidence",
     "JointReadings",
     "JointSensor",
     "ObservationModel",
-    "Sensor",
     "advanced",
     "assumed_noise",
     "by_column",
     "columns_of",
     "declared_noise",
     "finds_offset",
-    "joints_of",
     "measured_places",
     "units_of",
 ]

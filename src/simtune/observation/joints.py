@@ -17,7 +17,10 @@ _ROUNDING_ROWS = 1e-6  # by which a latency of whole rows may miss them
 
 @dataclass(frozen=True, kw_only=True)
 class JointSensor:
-    """Measures D joints, each by one number; an `observation.Sensor`."""
+    """Measures D joints, each by one number.
+
+    Trajectories hold its readings, (T + 1, D), under its name.
+    """
 
     name: str
     columns: tuple[str, ...]  # (D,) in recordings, or one that stands for all
@@ -36,10 +39,6 @@ class JointSensor:
     offset: np.ndarray | None = None  # (D,) measured − true, in `unit`; None: unknown
     latency_s: float = 0.0  # by which a reading is older than its picture
     endless: np.ndarray | None = None  # (D,) bool: positions of hinges without limits
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        return self.joints
 
     @property
     def column_names(self) -> tuple[str, ...]:
@@ -98,7 +97,7 @@ class JointSensor:
         return (readings + self._known_offset) * self.factor + self.shift
 
     def observe(self, batch: Any) -> np.ndarray:
-        """(n, D) of n simulated worlds."""
+        """(n, D) noise-free, of n simulated worlds' present state."""
         values = batch.qvel if self.is_velocity else batch.qpos
         read = values[:, self.places]
         read[:, self.geared] += values[:, self.play_places]
@@ -129,11 +128,6 @@ def advanced(values: np.ndarray, steps: float) -> np.ndarray:
 def measured_places(sensors: Iterable[JointSensor]) -> list[int]:
     """Indices of the positions that some sensor reads, ascending."""
     return sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
-
-
-def joints_of(sensors: Iterable[object]) -> tuple[JointSensor, ...]:
-    """The sensors that measure joints."""
-    return tuple(sensor for sensor in sensors if isinstance(sensor, JointSensor))
 
 
 def columns_of(sensors: Sequence[JointSensor]) -> list[tuple[JointSensor, int]]:

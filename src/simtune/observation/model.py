@@ -10,7 +10,7 @@ import numpy as np
 from simtune.cameras.footage import PLAIN, Footage
 from simtune.cameras.views import View, apart
 from simtune.observation.evidence import AllEvidence, Evidence
-from simtune.observation.sensor import Sensor
+from simtune.observation.joints import JointSensor
 from simtune.simulation import AnySimulator, Rollouts, StrayLight
 from simtune.trajectory import Trajectory
 from simtune.vision.image_noise import ImageNoise
@@ -24,9 +24,8 @@ _MAX_LATENCY_STEPS = 2  # assumed maximal delay of a robot's actions
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A camera, and whether its pictures are the simulator's own, pixel by pixel."""
+    """A camera that films the world."""
 
-    same_renderer: bool
     footage: Footage = PLAIN  # which of the model's cameras, and how it is recorded
     aspect: float = 1.0  # width over height of its view
 
@@ -35,45 +34,39 @@ class Camera:
         """Name under which it is observed."""
         return self.footage.name
 
-    @property
-    def supersampling(self) -> int:
-        """k × k points are averaged per pixel, as real cameras do; the simulator does not (1)."""
-        return 1 if self.same_renderer else 2
-
-    @property
-    def image_noise(self) -> ImageNoise | None:
-        """What the camera adds to drawn pictures."""
-        return None if self.same_renderer else ImageNoise()
-
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationModel:
-    """What is observed: cameras, all real or all simulated, and other sensors.
+    """What is observed: cameras, all real or all simulated, and sensors of joints.
 
     Each brings its own noise and likelihood: a camera that of the keypoints detected in its
     pictures, a sensor its own. Errors common to all are defined here.
     """
 
     cameras: tuple[Camera, ...]
-    sensors: tuple[Sensor, ...] = ()
-    max_latency_steps: int  # largest delay of actions, if no parameter describes it
-    is_simulated: bool = False  # by the tuned simulator: there is no discrepancy
+    sensors: tuple[JointSensor, ...] = ()
+    # By the tuned simulator: pictures are its own, pixel by pixel, actions take effect at once, and
+    # there is no discrepancy
+    is_simulated: bool = False
 
     @classmethod
     def of_simulator(
-        cls, sensors: tuple[Sensor, ...] = (), films: Sequence[Footage] = (PLAIN,)
+        cls, sensors: tuple[JointSensor, ...] = (), films: Sequence[Footage] = (PLAIN,)
     ) -> "ObservationModel":
-        """A simulated real world: pictures are the simulator's, actions take effect at once."""
-        cameras = tuple(Camera(same_renderer=True, footage=footage) for footage in films)
-        return cls(cameras=cameras, sensors=sensors, max_latency_steps=0, is_simulated=True)
+        """A simulated real world; see `is_simulated`."""
+        return replace(cls.of_reality(sensors, films), is_simulated=True)
 
     @classmethod
     def of_reality(
-        cls, sensors: tuple[Sensor, ...] = (), films: Sequence[Footage] = (PLAIN,)
+        cls, sensors: tuple[JointSensor, ...] = (), films: Sequence[Footage] = (PLAIN,)
     ) -> "ObservationModel":
         """A world filmed by real cameras, with usual assumptions."""
-        cameras = tuple(Camera(same_renderer=False, footage=footage) for footage in films)
-        return cls(cameras=cameras, sensors=sensors, max_latency_steps=_MAX_LATENCY_STEPS)
+        return cls(cameras=tuple(Camera(footage=footage) for footage in films), sensors=sensors)
+
+    @property
+    def max_latency_steps(self) -> int:
+        """Largest delay of actions, if no parameter describes it."""
+        return 0 if self.is_simulated else _MAX_LATENCY_STEPS
 
     def unknown_latency_steps(self, simulator: AnySimulator) -> int:
         """Largest latency of actions to look for; 0 if a parameter describes it or nothing acts."""
@@ -103,19 +96,24 @@ class ObservationModel:
     @property
     def reading_labels(self) -> tuple[str, ...]:
         """Names of all readings, with the sensor's name where two sensors share one."""
-        pairs = [(sensor.name, label) for sensor in self.sensors for label in sensor.labels]
+        pairs = [(sensor.name, label) for sensor in self.sensors for label in sensor.joints]
         count = Counter(label for _, label in pairs)
         return tuple(f"{name}/{label}" if count[label] > 1 else label for name, label in pairs)
 
     @property
     def supersampling(self) -> int:
-        """See `Camera`; 1 without a camera."""
-        return self.cameras[0].supersampling if self.cameras else 1
+        """k × k points are averaged per pixel, as real cameras do; the simulator does not (1)."""
+        return 2 if self._is_filmed else 1
 
     @property
     def image_noise(self) -> ImageNoise | None:
         """What each camera adds to drawn pictures."""
-        return self.cameras[0].image_noise if self.cameras else None
+        return ImageNoise() if self._is_filmed else None
+
+    @property
+    def _is_filmed(self) -> bool:
+        """Whether there are real cameras."""
+        return bool(self.cameras) and not self.is_simulated
 
     def stray_light(self, num: int, rng: np.random.Generator) -> StrayLight | None:
         """For `num` rooms with cameras; None if pictures are the simulator's own."""
@@ -139,11 +137,11 @@ class ObservationModel:
 
     @property
     def periods(self) -> dict[str, np.ndarray]:
-        """{sensor: (D,)}; see `Sensor.periods`."""
+        """{sensor: (D,)}; see `JointSensor.periods`."""
         return {sensor.name: sensor.periods for sensor in self.sensors}
 
     def in_units(self, recorded: Mapping[str, np.ndarray], step_s: float) -> dict[str, np.ndarray]:
-        """{sensor: (T + 1, D)} readings of a recorded episode; see `Sensor.from_recorded`."""
+        """{sensor: (T + 1, D)} readings of a recorded episode; see `JointSensor.from_recorded`."""
         return {s.name: s.from_recorded(recorded[s.name], step_s) for s in self.sensors}
 
     def observe_beside(self, *others: Callable[[Any], np.ndarray]) -> Callable[[Any], np.ndarray]:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from simtune.parameters.backlash import driven_through
+from simtune.parameters.backlash_joints import driven_through
 from simtune.parameters.field import Field
 from simtune.parameters.fields import FOLLOWS
 from simtune.parameters.joint_types import FREE, HINGE_OR_SLIDE

@@ -7,7 +7,6 @@ import numpy as np
 
 from simtune.cameras.views import View
 from simtune.config import ROBOTS, RealConfig
-from simtune.config.robot import Driver
 from simtune.devices import choose_device
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
@@ -17,8 +16,8 @@ from simtune.real.gap import RealityGap
 from simtune.real.observed import observed, open_recordings
 from simtune.real.recorded import RecordedReal
 from simtune.real.robot import RobotReal
-from simtune.real.robot_file import read_robot
 from simtune.real.truth import Truth
+from simtune.robot.robot_file import Driver, read_robot
 from simtune.run.config import FILMED, stored_config
 from simtune.tasks import AnyTask
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
+from simtune.robot.robot_file import RobotConfig
 from simtune.run.files import plain, read_json
 from simtune.tasks import AnyTask
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from simtune.config import RecordingsConfig
 from simtune.errors import InputError, UnknownName
-from simtune.observation import ObservationModel, Sensor
+from simtune.observation import JointSensor, ObservationModel
 from simtune.real.turnings import turnings_of
 from simtune.recordings import Dataset, open_dataset
 from simtune.tasks import AnyTask, Task
@@ -19,7 +19,7 @@ def observed(task: AnyTask, names: Sequence[str] | None, *, is_simulated: bool) 
 
     Raises InputError if there is no such sensor, or nothing is left.
     """
-    sensors: Sequence[Sensor] = task.sensors if isinstance(task, Task) else ()
+    sensors: Sequence[JointSensor] = task.sensors if isinstance(task, Task) else ()
     kinds = ["cameras"] * bool(task.cameras) + ["joints"] * bool(sensors)
     there = [*kinds, *(footage.name for footage in task.cameras), *(s.name for s in sensors)]
     for name in names or ():

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from simtune.cameras.pictures import resize
-from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
 from simtune.observation import ObservationModel
 from simtune.random_streams import Purpose, stream
@@ -22,6 +21,7 @@ from simtune.real.meaning import meaning_of
 from simtune.real.robot_checks import check_actions, footage_of
 from simtune.real.robot_session import ActOnFrames, acting, connected, limits_of
 from simtune.robot.displacements import Displacements
+from simtune.robot.robot_file import RobotConfig
 from simtune.simulation import PixelPolicy, random_actions, scale_actions
 from simtune.tasks import AnyTask
 from simtune.trajectory import Trajectory

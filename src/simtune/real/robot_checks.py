@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.cameras.footage import Footage
-from simtune.config.robot import RobotConfig
 from simtune.errors import InputError
+from simtune.robot.robot_file import RobotConfig
 from simtune.simulation import MocapActions
 from simtune.simulation.actions import ActionSpace
 from simtune.tasks import AnyTask

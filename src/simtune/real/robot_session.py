@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from simtune.cameras.pictures import middle_square, resize
-from simtune.config.robot import RobotConfig
 from simtune.errors import InputError, RobotError
 from simtune.networks.cuda_graph import CALLS_BEFORE_REPLAY
 from simtune.robot.displacements import Displacements
 from simtune.robot.latch import Latch
 from simtune.robot.limits import Limits
 from simtune.robot.robot import Camera, Robot
+from simtune.robot.robot_file import RobotConfig
 from simtune.robot.safe_arm import SafeArm
 from simtune.robot.signals import ended_in_order
 from simtune.trajectory import Trajectory

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.observation import JointSensor, Sensor
+from simtune.observation import JointSensor
 from simtune.parameters.fields import OF_JOINTS
 from simtune.parameters.joint_types import HINGE
 from simtune.recordings import Turning
@@ -15,7 +15,7 @@ from simtune.simulation.servos import control_limits, joint_target, position_ser
 
 
 def turnings_of(
-    model: mujoco.MjModel, mapping: ActionMapping, sensors: Sequence[Sensor]
+    model: mujoco.MjModel, mapping: ActionMapping, sensors: Sequence[JointSensor]
 ) -> list[Turning]:
     """Actions that are targets of position servos on hinges without limits, if there are any."""
     servos = _endless_servos(model)
@@ -41,12 +41,12 @@ def turnings_of(
 
 
 def _turning(
-    action: int, angle: float, per_unit: float, place: int, sensors: Sequence[Sensor]
+    action: int, angle: float, per_unit: float, place: int, sensors: Sequence[JointSensor]
 ) -> Turning:
     """Of an action that sends the joint at `place` in qpos to `angle` + `per_unit` · action rad."""
     period, column = 2 * np.pi / abs(per_unit), 0
     for sensor in sensors:
-        if isinstance(sensor, JointSensor) and not sensor.is_velocity and place in sensor.places:
+        if not sensor.is_velocity and place in sensor.places:
             own = int(np.flatnonzero(sensor.places == place)[0])
             scale = 1 / (sensor.factor[own] * per_unit)
             known = 0.0 if sensor.offset is None else sensor.offset[own]

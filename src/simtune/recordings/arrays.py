@@ -6,18 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from simtune.errors import InputError
+from simtune.recordings.choosing import choose_camera, kept_episodes
 from simtune.recordings.episode_arrays import EpisodeArrays, is_camera
 from simtune.recordings.npz import UNREADABLE
 from simtune.recordings.readings import gather, readings_of
-from simtune.recordings.source import (
-    Reading,
-    Rows,
-    choose_camera,
-    kept_episodes,
-    natural,
-    nearest_rows,
-    short,
-)
+from simtune.recordings.source import Reading, Rows, natural, nearest_rows, short
 
 ENDING = ".npz"  # case-insensitive
 _ACTION_KEYS = ("actions", "action_names", "hz")

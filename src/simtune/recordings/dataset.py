@@ -9,13 +9,14 @@ import numpy as np
 
 from simtune.columns import counted
 from simtune.errors import InputError
-from simtune.recordings.facts import Seen, SeenPictures, action_ranges
+from simtune.recordings.choosing import choose_actions, left_out
+from simtune.recordings.facts import SeenPictures, action_ranges
 from simtune.recordings.film import Film
 from simtune.recordings.fingerprint import fingerprint
-from simtune.recordings.held import held
+from simtune.recordings.held import hold_actions
 from simtune.recordings.readings import NO_PERIODS, NO_READINGS, choose_readings
 from simtune.recordings.resample import counted_on
-from simtune.recordings.source import Source, choose_actions, left_out, short
+from simtune.recordings.source import Source, short
 from simtune.recordings.steps import Steps, check_rate, make_steps
 from simtune.recordings.turning import Turning, commands_counted_on
 from simtune.trajectory import Trajectory, moments
@@ -63,7 +64,7 @@ class Dataset:
         self._asked, self._turnings = readings, turnings
         self._own_rate = control_hz is None
         self.step_s = 1 / (control_hz or source.fps)
-        self._seen: dict[int, Seen] = {}
+        self._read: dict[int, tuple[Steps, Sequence[SeenPictures]]] = {}  # by episode
         self.where = str(source.path)
         self.action_names = tuple(source.action_names[column] for column in self._columns)
         self.reading_names = tuple(reading.full_name for reading in source.readings)  # available
@@ -132,22 +133,23 @@ class Dataset:
 
     def facts(self, num_episodes: int) -> dict[str, Any]:
         """Facts on the first episodes, which must have been read or skimmed; JSON."""
-        seen = [self._seen[episode] for episode in range(num_episodes)]
-        named = list(zip(self.episodes, seen, strict=False))
+        read = [self._read[episode] for episode in range(num_episodes)]
+        steps, pictures = zip(*read, strict=True)
+        named = list(zip(self.episodes, steps, strict=False))
         return {
             "folder": self.where,
             "kind": self._source.kind,
             "dataset_hash": self.content_hash,
             "robot_type": self._source.robot_type,
-            "cameras": self._film.facts(seen, self._image_size) if self._film else [],
+            "cameras": self._film.facts(steps, pictures, self._image_size) if self._film else [],
             "fps": self._source.fps,
             "control_hz": 1 / self.step_s,
-            "readings_hz": min(its.readings_hz for its in seen),
+            "readings_hz": min(its.readings_hz for its in steps),
             "action_names": list(self.action_names),
-            "action_ranges": action_ranges(seen, self.action_names),
+            "action_ranges": action_ranges(steps, self.action_names),
             "gaps": {name: [list(gap) for gap in its.gaps_s] for name, its in named if its.gaps_s},
             "unused_s": {
-                name: [its.unused_s, its.num_steps * self.step_s]
+                name: [its.unused_s, len(its.actions) * self.step_s]
                 for name, its in named
                 if its.unused_s
             },
@@ -161,7 +163,7 @@ class Dataset:
             "episodes_in_dataset": len(self._source.episodes),
             "left_out": self.num_left_out,
             "names_left_out": self._left_out,
-            "steps": sum(s.num_steps for s in seen),
+            "steps": sum(len(its.actions) for its in steps),
         }
 
     def _steps(self, episode: int, periods: Mapping[str, np.ndarray] = NO_PERIODS) -> Steps:
@@ -169,7 +171,7 @@ class Dataset:
         where = f"{self.where}: {self.episodes[episode]}"
         asked = [reading for readings in self._sensors.values() for reading in readings]
         index = self._source.kept[episode]
-        rows = held(self._source.rows(index, asked), self._columns)
+        rows = hold_actions(self._source.rows(index, asked), self._columns)
         if self._own_rate:
             check_rate(where, rows, self.step_s)
         if self._film:
@@ -212,19 +214,10 @@ class Dataset:
         return self._film.height(_KEPT_PX) if self._film else None
 
     def _frames(self, episode: int, steps: Steps, height: int | None) -> Iterator[np.ndarray]:
-        """Yield an episode's frames (H, W, 3), then record the facts on the episode."""
+        """Yield an episode's frames (H, W, 3); then it has been read."""
         pictures: Sequence[SeenPictures] = ()
         if self._film:
             pictures = yield from self._film.frames(
                 self._source.kept[episode], steps.times_s, height
             )
-        self._seen[episode] = Seen(
-            num_steps=len(steps.actions),
-            lowest=steps.actions.min(0),
-            highest=steps.actions.max(0),
-            pictures=pictures,
-            gaps_s=steps.gaps_s,
-            unused_s=steps.unused_s,
-            unfilmed=steps.unfilmed,
-            readings_hz=steps.readings_hz,
-        )
+        self._read[episode] = steps, pictures

@@ -6,38 +6,32 @@ from typing import Any
 
 import numpy as np
 
+from simtune.recordings.steps import Steps
+
 
 @dataclass(frozen=True, kw_only=True)
 class SeenPictures:
+    """Of an episode's pictures by one camera."""
+
     size: tuple[int, int]  # (height, width), pixels
     time_errors_s: tuple[float, float]  # largest and mean distance of frames from their steps
 
 
-@dataclass(frozen=True, kw_only=True)
-class Seen:
-    """Facts on an episode that was read."""
-
-    num_steps: int
-    lowest: np.ndarray  # (A,) actions
-    highest: np.ndarray  # (A,) actions
-    pictures: Sequence[SeenPictures]  # of each camera; empty if no pictures were read
-    gaps_s: Sequence[tuple[float, float]]  # start and end of each, see `find_gaps`
-    unused_s: float  # for which the pictures go on after the last action
-    unfilmed: int  # last rows for which a video has no frame
-    readings_hz: float  # how often the fastest reading was measured; 0: none was
-
-
-def action_ranges(seen: Sequence[Seen], names: Sequence[str]) -> dict[str, list[float]]:
+def action_ranges(steps: Sequence[Steps], names: Sequence[str]) -> dict[str, list[float]]:
     """{name: [lowest, highest]} action over all episodes."""
-    ranges = [np.min([s.lowest for s in seen], 0), np.max([s.highest for s in seen], 0)]
+    ranges = [
+        np.min([its.actions.min(0) for its in steps], 0),
+        np.max([its.actions.max(0) for its in steps], 0),
+    ]
     return dict(zip(names, np.transpose(ranges).tolist(), strict=True))
 
 
-def picture_facts(seen: Sequence[Seen], camera: int, fitted: tuple[int, int]) -> dict[str, Any]:
-    """Facts on the pictures of one camera, by its number; `fitted`: their (height, width)."""
-    pictures = [s.pictures[camera] for s in seen]
-    frames = np.array([s.num_steps + 1 for s in seen])
-    largest, mean = np.array([p.time_errors_s for p in pictures]).T
+def picture_facts(
+    steps: Sequence[Steps], pictures: Sequence[SeenPictures], fitted: tuple[int, int]
+) -> dict[str, Any]:
+    """Facts on the pictures of one camera, of each episode; `fitted`: their (height, width)."""
+    frames = np.array([len(its.times_s) for its in steps])
+    largest, mean = np.array([its.time_errors_s for its in pictures]).T
     return {
         "source_size": list(pictures[0].size),
         "image_size": list(fitted),

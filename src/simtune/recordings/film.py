@@ -11,8 +11,9 @@ import numpy as np
 from simtune.cameras.footage import Footage
 from simtune.cameras.views import width_of
 from simtune.errors import InputError
-from simtune.recordings.facts import Seen, SeenPictures, picture_facts
+from simtune.recordings.facts import SeenPictures, picture_facts
 from simtune.recordings.source import Rows, Source
+from simtune.recordings.steps import Steps
 
 
 class Shot(NamedTuple):
@@ -96,14 +97,19 @@ class Film:
                 seen.append(end.value)
         return seen
 
-    def facts(self, seen: Sequence[Seen], height: int | None) -> list[dict[str, Any]]:
+    def facts(
+        self,
+        steps: Sequence[Steps],
+        pictures: Sequence[Sequence[SeenPictures]],
+        height: int | None,
+    ) -> list[dict[str, Any]]:
         """Facts on each camera, from episodes whose pictures were read; JSON."""
         height = height or self.height(None)
         return [
             {"key": source.camera, "codec": source.codec(self._first)}
-            | picture_facts(seen, number, (height, width_of(aspect, height)))
-            for number, ((source, _), aspect) in enumerate(
-                zip(self._shots, self.aspects, strict=True)
+            | picture_facts(steps, its, (height, width_of(aspect, height)))
+            for (source, _), aspect, its in zip(
+                self._shots, self.aspects, zip(*pictures, strict=True), strict=True
             )
         ]
 
@@ -125,7 +131,7 @@ class Film:
                     "expected one camera that films all alike"
                 )
             errors_s.append(abs(seen_s - time_s))
-            yield footage.fit(picture, size)
+            yield footage.as_pinhole(picture, size)
         errors = float(max(errors_s)), float(np.mean(errors_s))
         return SeenPictures(size=recorded, time_errors_s=errors)
 

@@ -13,7 +13,7 @@ from simtune.recordings.resample import is_regular
 from simtune.recordings.source import Rows
 
 
-def held(rows: Rows, columns: Sequence[int]) -> Rows:
+def hold_actions(rows: Rows, columns: Sequence[int]) -> Rows:
     """An episode with these columns of actions, which begins where all of them are known.
 
     Before, readings alone count, and actions are the first ones. A column without any number stays

@@ -11,19 +11,11 @@ import numpy as np
 from simtune.between_rows import typical_step_s
 from simtune.errors import InputError
 from simtune.recordings import video
+from simtune.recordings.choosing import kept_episodes
 from simtune.recordings.csv_table import MEASURED, is_reading, is_time, read_header, read_rows
 from simtune.recordings.held import begins
 from simtune.recordings.readings import gather, readings_of
-from simtune.recordings.source import (
-    Lines,
-    Reading,
-    Rows,
-    first_wrong,
-    is_rate,
-    kept_episodes,
-    natural,
-    short,
-)
+from simtune.recordings.source import Lines, Reading, Rows, first_wrong, is_rate, natural, short
 from simtune.recordings.time_stamps import not_rising
 
 _OTHER_CLOCK_RATIO = 10  # to the video's end: milliseconds, or seconds since 1970
@@ -78,7 +70,7 @@ class PairsSource:
         self.fps = self._fps()
 
     def codec(self, episode: int) -> str:
-        return video.probe(self._video(episode)).codec
+        return video.codec_of(self._video(episode))
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:
         if not self._is_acted_on:

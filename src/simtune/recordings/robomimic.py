@@ -11,15 +11,14 @@ import numpy as np
 
 from simtune.errors import InputError
 from simtune.recordings import hdf5
+from simtune.recordings.choosing import choose_camera, kept_episodes
 from simtune.recordings.readings import gather, readings_of
 from simtune.recordings.source import (
     MOST_ACTIONS,
     MOST_ROWS,
     Reading,
     Rows,
-    choose_camera,
     is_rate,
-    kept_episodes,
     nearest_rows,
     short,
 )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from simtune.columns import counted, episode_in_words
-from simtune.recordings.source import leave_out_option
+from simtune.recordings.choosing import leave_out_option
 
 _MOST_LEFT_OUT = 5  # episodes that may be advised to leave out
 

@@ -3,7 +3,6 @@
 import contextlib
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ import av.video.stream
 import numpy as np
 from av.video.reformatter import Interpolation
 
-from simtune.cameras.orientation import as_shown
+from simtune.cameras.pictures import as_shown
 from simtune.errors import InputError
 
 # swscale's default conversion from YUV to RGB rounds down (colours are 1 of 255 too dark) and does
@@ -32,21 +31,10 @@ MOST_PIXELS = 7680 * 4320
 _HDR = (16, 18)  # transfer functions PQ and HLG, as H.273 numbers them
 
 
-@dataclass(frozen=True, kw_only=True)
-class VideoFacts:
-    codec: str  # e.g. "h264"
-    height: int  # pixels, as stored: a player may turn or widen the picture
-    width: int  # pixels
-
-
-def probe(path: str | Path) -> VideoFacts:
-    """Facts on the file's first video stream. Raises InputError if there is none."""
+def codec_of(path: str | Path) -> str:
+    """Of the file's first video stream, e.g. "h264". Raises InputError if there is none."""
     with _open(path) as (_, stream):
-        return VideoFacts(
-            codec=stream.codec.canonical_name,  # not the decoder's name, such as libdav1d
-            height=stream.codec_context.height,
-            width=stream.codec_context.width,
-        )
+        return stream.codec.canonical_name  # not the decoder's name, such as libdav1d
 
 
 def decode(path: str | Path) -> Iterator[tuple[float, np.ndarray]]:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from simtune.report.data import RunData
 from simtune.report.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot
 from simtune.report.words import number
+from simtune.run_data import RunData
 from simtune.validate import is_number
 
 _MOST_POINTS = 300  # of a line: more than there are pixels

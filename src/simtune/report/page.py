@@ -21,9 +21,8 @@ from simtune.report import (
     trust,
     words,
 )
-from simtune.report.data import RunData
-from simtune.report.read_run import POLICY_VIDEO, VIDEOS, read_run
 from simtune.run.files import write_atomically
+from simtune.run_data import POLICY_VIDEO, VIDEOS, RunData, read_run
 from simtune.validate import is_number
 from simtune.verdicts import IDENTIFIED_SHARE, WEAK_SHARE
 
@@ -88,7 +87,7 @@ def _environment() -> Environment:
     drawn += (joint_plots.reading_plot, joint_plots.error_plot, part_plots.part_distances)
     environment.globals |= {f.__name__: f for f in drawn} | {
         "interval_label": words.interval_label,
-        "summary": words.summary,
+        "headline": words.headline,
         "not_looked_at": words.not_looked_at,
         "holds_truth": trust.holds_truth,
         "mean_error": trust.mean_error,

@@ -4,7 +4,6 @@ import numpy as np
 from scipy.special import ndtr
 
 from simtune.normal import STDS_90
-from simtune.report.data import RunData
 from simtune.report.plot import (
     BOTTOM,
     HEIGHT,
@@ -17,6 +16,7 @@ from simtune.report.plot import (
     value_axis,
 )
 from simtune.report.trust import Pair
+from simtune.run_data import RunData
 from simtune.validate import is_number
 
 _DOTS = 250

@@ -1,10 +1,10 @@
 """Moving parts: distance between video and simulator over time."""
 
 from simtune.before_after.moving_parts import MovingParts
-from simtune.report.data import RunData
 from simtune.report.joint_plots import plot_over_time
 from simtune.report.plot import Plot
 from simtune.report.trust import CLEARLY
+from simtune.run_data import RunData
 from simtune.validate import is_number
 
 

@@ -1,8 +1,8 @@
 """Plots of a parameter, and of a policy's learning; None if there is too little data."""
 
-from simtune.report.data import RunData
 from simtune.report.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot, value_axis
 from simtune.report.words import as_precise, interval, number
+from simtune.run_data import RunData
 from simtune.validate import is_number
 
 

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 from simtune.columns import counted
 from simtune.normal import STDS_90
-from simtune.report.data import RunData
 from simtune.report.trust import ranks
 from simtune.report.words import number, unit
+from simtune.run_data import RunData
 from simtune.validate import is_number
 from simtune.verdicts import IDENTIFIED_SHARE
 

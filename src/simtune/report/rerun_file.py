@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from simtune.errors import InputError
-from simtune.report.data import RunData
 from simtune.report.joint_plots import curves_of
 from simtune.report.part_plots import moving_parts
-from simtune.report.read_run import VIDEOS, read_run
+from simtune.run_data import VIDEOS, RunData, read_run
 from simtune.validate import is_number
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from simtune.report.data import RunData
+from simtune.run_data import RunData
 from simtune.validate import is_number
 
 _POSE = ("x", "y", "z", "pitch", "yaw", "roll")

@@ -6,7 +6,7 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from simtune.columns import counted, significant, within
-from simtune.report.data import RunData
+from simtune.run_data import RunData
 from simtune.validate import is_number
 
 MISSING = "–"
@@ -79,7 +79,7 @@ _POLICIES = {
 }
 
 
-def summary(run: RunData) -> str:
+def headline(run: RunData) -> str:
     """What a run did, as the start of a sentence that ends in its recordings or robot."""
     real = _REAL.get(str(run.get("real")), "recordings")
     if run.get("method") in _POLICIES:

@@ -9,10 +9,10 @@ import numpy as np
 from simtune.errors import RobotError
 from simtune.robot.limits import Limits
 
+REPORTED_WITHIN_S = 2.0  # that were set, by the controller
 
-def limit_controller(
-    arm: Any, limits: Limits, collision_sensitivity: int, reported_within_s: float
-) -> None:
+
+def limit_controller(arm: Any, limits: Limits, collision_sensitivity: int) -> None:
     """Set reduced mode with speed and boundary, the fence, and the collision sensitivity.
 
     Raises RobotError if the controller refuses a limit, or then reports another one.
@@ -30,12 +30,10 @@ def limit_controller(
         code = answer[0] if isinstance(answer, list) else answer
         if code != 0:
             raise RobotError(f"the controller does not set its {what} (code {code})")
-    check_controller(arm, limits, collision_sensitivity, reported_within_s)
+    check_controller(arm, limits, collision_sensitivity)
 
 
-def check_controller(
-    arm: Any, limits: Limits, collision_sensitivity: int, reported_within_s: float
-) -> None:
+def check_controller(arm: Any, limits: Limits, collision_sensitivity: int) -> None:
     """Raises RobotError if these limits are not in force."""
     code, states = arm.get_reduced_states()
     if code != 0 or len(states) < 7:
@@ -47,7 +45,7 @@ def check_controller(
         "maximum speed": (np.float32(limits.speed), np.float32(speed)),
         "fence": (1, is_fenced),
     }
-    deadline_s = time.monotonic() + reported_within_s
+    deadline_s = time.monotonic() + REPORTED_WITHIN_S
     while arm.collision_sensitivity != collision_sensitivity and time.monotonic() < deadline_s:
         time.sleep(0.02)  # only reports have it, and they come five times a second
     expected["collision sensitivity"] = (collision_sensitivity, arm.collision_sensitivity)

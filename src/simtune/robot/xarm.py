@@ -28,22 +28,10 @@ class XArm:
 
     axes: tuple[str, ...] = ("x", "y", "z")
 
-    def __init__(
-        self,
-        ip: str,
-        *,
-        acceleration: float,
-        collision_sensitivity: int,
-        latch: Latch,
-        reported_within_s: float = 2.0,
-    ):
-        """`acceleration`: mm/s²; `collision_sensitivity`: 1 to 5, which is the most sensitive.
-
-        `reported_within_s`: how long the controller may take to report the limits that were set.
-        """
+    def __init__(self, ip: str, *, acceleration: float, collision_sensitivity: int, latch: Latch):
+        """`acceleration`: mm/s²; `collision_sensitivity`: 1 to 5, which is the most sensitive."""
         self._ip, self._acceleration, self._latch = ip, acceleration, latch
         self._collision_sensitivity = collision_sensitivity
-        self._reported_within_s = reported_within_s
         self._arm: Any = None
         self._is_woken = False
         self._limits: Limits | None = None  # set once the arm may move
@@ -61,7 +49,7 @@ class XArm:
         self._yaw_deg = self._pose()[5]
         self._is_woken = True
         self.stop()  # drops commands that may still be queued
-        demanded = (limits, self._collision_sensitivity, self._reported_within_s)
+        demanded = (limits, self._collision_sensitivity)
         limit_controller(self._arm, *demanded)
         self._demand("enable its motors", self._arm.motion_enable(True))
         self._demand("change its mode", self._arm.set_mode(_ONLINE_MODE))

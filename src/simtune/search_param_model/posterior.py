@@ -8,7 +8,7 @@ enough to train the detector, and to measure its errors in held-out worlds. The 
 learns from the true keypoints of all steps, with errors added that were measured in similar poses.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from simtune.networks.cuda_graph import CALLS_BEFORE_REPLAY, Step, graphed
-from simtune.networks.layers import seeded
+from simtune.networks.layers import load_generator, load_weights, seeded, under
 from simtune.networks.training import TrainingClock, train_network
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior_batches import DetectorErrors, PosteriorBatches
@@ -26,7 +26,7 @@ from simtune.search_param_model.posterior_net import (
     SurvivalMixture,
     posterior_loss,
 )
-from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.simulated import FilmedWorlds, SimulatedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.vision.detector import (
     Detections,
@@ -128,7 +128,7 @@ class PosteriorSearchParamModel:
         return detect(self.detector, frames.reshape(-1, *frames.shape[-3:]))
 
     def detector_errors(
-        self, worlds: SimulatedWorlds, detections: Detections, distribution: Distribution
+        self, worlds: FilmedWorlds, detections: Detections, distribution: Distribution
     ) -> DetectorErrors:
         """The detector's errors in `worlds`, in whose frames it found `detections`."""
         num_worlds, num_filmed = worlds.frames.shape[:2]
@@ -178,6 +178,18 @@ class PosteriorSearchParamModel:
         pooled = self._tensor(self._to_range_unit(visible[None], distribution))
         motion = self._motion(self._tensor(keypoints[None]), self._tensor(actions[None]))
         return self.posterior_net(motion, pooled).cpu()
+
+    def tensors(self) -> dict[str, torch.Tensor]:
+        """For a checkpoint."""
+        parts = {"detector": self.detector, "posterior_net": self.posterior_net}
+        tensors = {f"{p}.{k}": v for p, m in parts.items() for k, v in m.state_dict().items()}
+        return tensors | {"generator": self.generator.get_state()}
+
+    def load(self, tensors: Mapping[str, torch.Tensor]) -> None:
+        """Raises InputError for weights of other networks than this version has."""
+        load_weights(self.detector, under("detector.", tensors), "detector")
+        load_weights(self.posterior_net, under("posterior_net.", tensors), "posterior_net")
+        load_generator(self.generator, tensors["generator"])
 
     def _motion(self, keypoints: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
         """(B, E, T + 1, L, 2) pixels and (B, E, T, A) actions, side by side: (B, E, T, S)."""

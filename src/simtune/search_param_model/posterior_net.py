@@ -6,6 +6,8 @@ import torch
 from torch import nn
 from torch.nn import functional as F
 
+from simtune.networks.layers import mlp
+
 SHORTEST_STEPS = 21  # needed by the convolutions over time
 _FIRST_LOG_SCALE, _SMALLEST_SCALE = -1.5, 1e-3  # of the mixture's logistics
 _CANDIDATE_BOUNDS = (-1.0, 2.0)  # in coordinates of the range
@@ -47,13 +49,8 @@ class PosteriorNet(nn.Module):
         self.register_buffer("visible", indices, persistent=False)
         self.first = nn.Conv1d(num_inputs, c, 5, stride=2)  # half the work, no accuracy lost
         self.later = nn.ModuleList([nn.Conv1d(c, c, 5) for _ in range(2)])
-        self.head = nn.Sequential(
-            nn.Linear(2 * c + 2 + len(visible), config.hidden),
-            nn.ELU(),
-            nn.Linear(config.hidden, config.hidden),
-            nn.ELU(),
-            nn.Linear(config.hidden, 3 * self.components * num_parameters),
-        )
+        num_pooled, num_out = 2 * c + 2 + len(visible), 3 * self.components * num_parameters
+        self.head = mlp((num_pooled, config.hidden, config.hidden, num_out), nn.ELU)
         self.register_buffer("most_episodes", torch.tensor(1))
         spread = torch.linspace(-0.5, 0.5, self.components)
         self.register_buffer("spread", spread, persistent=False)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -26,21 +26,24 @@ class SimulatedWorlds:
     parameters: np.ndarray  # (W, N)
     actions: np.ndarray  # (W, E, T, A)
     keypoints: np.ndarray  # (W, E, T + 1, L, 2) pixels, true
-    # Of each world's first episode, if it is filmed: a stretch of F successive steps
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The worlds of several parts."""
+        return cls(
+            **{name: _joined([vars(part)[name] for part in parts]) for name in vars(parts[0])}
+        )
+
+
+@dataclass(frozen=True)
+class FilmedWorlds(SimulatedWorlds):
+    """With pictures of each world's first episode: of a stretch of F successive steps."""
+
     frames: np.ndarray  # (W, F, H, W, 3) uint8
     filmed_from: np.ndarray  # (W,) step of the first frame
     states: np.ndarray  # (W, F, S) full states of `frames`
     # {sensor: (W, F, D)} measured with `frames`
     readings: dict[str, np.ndarray] = field(default_factory=dict)
-
-    @classmethod
-    def joined(cls, parts: Sequence["SimulatedWorlds"]) -> "SimulatedWorlds":
-        """The worlds of several parts."""
-        fields = {name: [vars(part)[name] for part in parts] for name in vars(parts[0])}
-        readings = fields.pop("readings")
-        arrays = {name: np.concatenate(values) for name, values in fields.items()}
-        by_sensor = {name: np.concatenate([its[name] for its in readings]) for name in readings[0]}
-        return cls(**arrays, readings=by_sensor)
 
     def filmed_keypoints(self) -> np.ndarray:
         """(W, F, L, 2) true keypoints in `frames`."""
@@ -56,6 +59,13 @@ class SimulatedWorlds:
         """(W, F − 1, A) between `frames`."""
         at = self.filmed_from[:, None] + np.arange(self.frames.shape[1] - 1)
         return self.actions[np.arange(len(at))[:, None], 0, at]
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    """Arrays of several worlds each, or {sensor: such arrays}."""
+    if isinstance(parts[0], np.ndarray):
+        return np.concatenate(parts)
+    return {name: np.concatenate([its[name] for its in parts]) for name in parts[0]}
 
 
 @dataclass(frozen=True)
@@ -76,13 +86,9 @@ class PlayedWorlds:
 
     def unfilmed(self) -> SimulatedWorlds:
         """All worlds, without frames."""
-        nothing = np.zeros((len(self.whole), 0))
-        frames, start = nothing[..., None, None, None], np.zeros(len(nothing), int)
-        return SimulatedWorlds(
-            self.parameters, self.actions, self._points(), frames, start, nothing[..., None]
-        )
+        return SimulatedWorlds(self.parameters, self.actions, self._points())
 
-    def filmed(self, num_frames: int, rng: np.random.Generator) -> SimulatedWorlds:
+    def filmed(self, num_frames: int, rng: np.random.Generator) -> FilmedWorlds:
         """With `num_frames` successive frames of each world's first episode."""
         num, steps = len(self.whole), self.actions.shape[2]
         num_frames = min(num_frames, steps + 1)
@@ -93,12 +99,13 @@ class PlayedWorlds:
         frames = self.simulator.film(shown, self.observation.stray_light(num, rng))
         self.observation.add_noise(self.simulator, frames, rng)
         measured = self.rollouts.observed[self.whole[:, :1], at, 2 * len(self.keypoints) :]
-        return replace(
-            self.unfilmed(),
+        readings = self.observation.readings(measured, rng)
+        return FilmedWorlds(
+            **vars(self.unfilmed()),
             frames=frames,
             filmed_from=start,
             states=states,
-            readings=self.observation.readings(measured, rng),
+            readings=readings,
         )
 
     def _points(self) -> np.ndarray:

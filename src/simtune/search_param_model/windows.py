@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from simtune.replay import EpisodeStore
+from simtune.replay_buffer import EpisodeStore
 from simtune.trajectory import Trajectory
 
 

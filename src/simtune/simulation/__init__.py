@@ -32,6 +32,7 @@ action mappings get that batch. Its pitfalls:
   numbers allocate anew. Renderers use all cores the process may use.
 """
 
+from simtune.names import RendererName
 from simtune.simulation.acting import (
     FrameStacker,
     LiveCamera,
@@ -52,14 +53,14 @@ from simtune.simulation.delays import count_substeps
 from simtune.simulation.environment import EnvironmentSimulator, Points
 from simtune.simulation.mocap import MocapActions
 from simtune.simulation.prepare import prepare_spec
-from simtune.simulation.rendering.opengl_quality import (
+from simtune.simulation.rendering.picture_settings import (
     OPENGL_DM_CONTROL,
     OPENGL_FAST,
     OpenGLQuality,
+    PictureSettings,
 )
-from simtune.simulation.rendering.renderer import RendererName
 from simtune.simulation.rendering.stray_light import StrayLight
-from simtune.simulation.scene import Drawing, Scene, Script
+from simtune.simulation.scene import Scene, Script
 from simtune.simulation.simulator import Simulator
 from simtune.simulation.states import StateSpace
 
@@ -70,7 +71,6 @@ __all__ = [
     "ActionMapping",
     "AnySimulator",
     "DirectActions",
-    "Drawing",
     "EnvironmentSimulator",
     "FrameStacker",
     "JointActions",
@@ -78,6 +78,7 @@ __all__ = [
     "MapActions",
     "MocapActions",
     "OpenGLQuality",
+    "PictureSettings",
     "PixelPolicy",
     "Points",
     "RendererName",

@@ -1,10 +1,10 @@
 """Which joints a model's actuators drive."""
 
 import mujoco
-import numpy as np
 
 from simtune.parameters.fields import OF_JOINTS
-from simtune.simulation.ties import bodies_of_tendon, dofs_above, joints_of_tendon
+from simtune.simulation.joints import joints_up_from
+from simtune.simulation.ties import bodies_of_tendon, joints_of_tendon
 
 _TRN = mujoco.mjtTrn
 _TENDON = _TRN.mjTRN_TENDON.value
@@ -36,6 +36,5 @@ def _joints_between(model: mujoco.MjModel, bodies: list[int]) -> set[int]:
     """Joints that move some of the bodies, but not all alike."""
     if not bodies:
         return set()
-    moved_by = [dofs_above(model, body) for body in bodies]
-    dofs = set.union(*moved_by) - set.intersection(*moved_by)
-    return set(model.dof_jntid[np.array(sorted(dofs), int)].tolist())
+    moved_by = [set(joints_up_from(model, body)) for body in bodies]
+    return set.union(*moved_by) - set.intersection(*moved_by)

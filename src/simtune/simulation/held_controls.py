@@ -4,14 +4,14 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.simulation.servos import control_limits, position_servos
+from simtune.simulation.servos import control_limits, position_servos, pulls_to_a_place
 
 _DYN = mujoco.mjtDyn
 _FILTERS = (_DYN.mjDYN_FILTER.value, _DYN.mjDYN_FILTEREXACT.value)
 # Activations that controls alone change; others also depend on how the joint moved
 _CONTROLLED_DYNAMICS = (*_FILTERS, _DYN.mjDYN_INTEGRATOR.value, _DYN.mjDYN_MUSCLE.value)
 _FORGOTTEN_AFTER_LAGS = 5  # time constants of an activation
-_FIXED, _AFFINE = mujoco.mjtGain.mjGAIN_FIXED.value, mujoco.mjtBias.mjBIAS_AFFINE.value
+_FIXED = mujoco.mjtGain.mjGAIN_FIXED.value
 
 
 class HeldControls:
@@ -90,10 +90,9 @@ class HeldControls:
 
 def _integrators(model: mujoco.MjModel) -> np.ndarray:
     """Ids of actuators that pull a joint to the integral of their control."""
-    pulls = (model.actuator_biastype == _AFFINE) & (model.actuator_biasprm[:, 1] < 0)
     scales = (model.actuator_gaintype == _FIXED) & (model.actuator_gainprm[:, 0] != 0)
     integrates = model.actuator_dyntype == _DYN.mjDYN_INTEGRATOR.value
-    return np.flatnonzero(integrates & pulls & scales)
+    return np.flatnonzero(integrates & pulls_to_a_place(model) & scales)
 
 
 def given(activations: np.ndarray) -> np.ndarray:

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from simtune.parameters.joint_types import FREE, HINGE, SLIDE
 from simtune.simulation.driven_joints import driven_joints
-from simtune.simulation.states import StateSpace
+from simtune.simulation.states import StateSpace, turned_about_vertical
 from simtune.simulation.ties import joint_ties, tied_bodies, with_tied
 
 _FAR_IN_EXTENTS = 2.0  # of the model, from where it began
@@ -83,7 +82,6 @@ def scattered(
         low, high = np.quantile(states[:, sideways], _PLACE_QUANTILES, axis=0)
         half = spread * (high - low) / 2
         states[:, sideways] = (low + high) / 2 + rng.uniform(-half, half, (len(states), 2))
-        upright = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (len(states), 1)))
-        turned = upright * Rotation.from_quat(states[:, turn], scalar_first=True)
-        states[:, turn] = turned.as_quat(scalar_first=True)
+        angle = rng.uniform(-np.pi, np.pi, len(states))
+        states[:, turn] = turned_about_vertical(states[:, turn], angle)
     return space.with_positions_and_velocities(full_states, states)

@@ -9,10 +9,11 @@ from mujoco.batch import Batch
 from simtune.simulation.actions import ActionMapping
 from simtune.simulation.any_simulator import Act, AnySimulator, Observe, Rollouts
 from simtune.simulation.delays import count_substeps
-from simtune.simulation.filming import Filming
 from simtune.simulation.held_controls import HeldControls
+from simtune.simulation.rendering.picture_settings import PictureSettings
+from simtune.simulation.rendering.renderers import Renderers
 from simtune.simulation.rendering.stray_light import StrayLight
-from simtune.simulation.scene import Drawing, Scene
+from simtune.simulation.scene import Scene
 from simtune.simulation.states import StateSpace
 from simtune.simulation.worlds import Worlds
 
@@ -24,18 +25,18 @@ _EXPLORING_SHARE = 0.5  # of random actions, added to a script's
 class Simulator(AnySimulator):
     """Plays worlds of one model, and draws their states."""
 
-    def __init__(self, scene: Scene, drawing: Drawing):
-        """Raises InputError for what `Filming` or the scene's action mapping refuses."""
+    def __init__(self, scene: Scene, pictures: PictureSettings):
+        """Raises InputError for what `Renderers` or the scene's action mapping refuses."""
         self.num_substeps = count_substeps(scene.step_s, scene.model.opt.timestep)
         self.model = _with_timestep(scene.model, scene.step_s / self.num_substeps)
         self.space = scene.space
         self.step_s = scene.step_s
         self.script = scene.script
-        self.image_size = drawing.image_size
-        self.supersampling = drawing.supersampling
-        self.views = drawing.views
+        self.image_size = pictures.image_size
+        self.supersampling = pictures.supersampling
+        self.views = pictures.views
         self.held = HeldControls(self.model)
-        self._filming = Filming(self.model, scene.space, drawing)
+        self._renderers = Renderers(self.model, scene.space, pictures)
         self._mapping = scene.map_actions(self.model)
         self._state_space = StateSpace(self.model)
         self._initialize = scene.initialize
@@ -75,9 +76,9 @@ class Simulator(AnySimulator):
         that diverge are counted in `num_diverged`, and stay where their physics stopped. Steps are
         counted in `num_steps` if it `counts`.
         """
-        n = len(parameters)
-        observe = observe or _nothing
+        n, observe = len(parameters), observe or _nothing
         worlds = self._start(parameters, rng, starts, observe)
+        begins = starts is None if is_beginning is None else is_beginning
         states = np.empty((n, num_steps + 1, worlds.state.shape[1]))
         states[:, 0] = worlds.state
         actions = np.empty((n, num_steps, self.num_actions))
@@ -86,7 +87,7 @@ class Simulator(AnySimulator):
         for t in range(num_steps):
             actions[:, t] = act(t, worlds.state)
             controls = self.action_mapping.apply(worlds.batch, actions[:, t])
-            if t == 0 and (starts is None if is_beginning is None else is_beginning):
+            if t == 0 and begins:
                 self.held.settle(worlds.batch, controls)
                 remembered = self.state_space.remembered
                 states[:, 0, remembered] = worlds.state[:, remembered]
@@ -197,11 +198,11 @@ class Simulator(AnySimulator):
 
         Raises ValueError if there is no camera.
         """
-        return self._filming.render(states, parameters, stray)
+        return self._renderers.render(states, parameters, stray)
 
     def covers(self, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """(n, H, W) bool for (n, S) states of worlds of (n, N) parameters; see `AnySimulator`."""
-        return self._filming.covers(states, parameters)
+        return self._renderers.covers(states, parameters)
 
     def _worlds_for(self, num_worlds: int) -> Worlds:
         if num_worlds not in self._worlds:

@@ -119,6 +119,12 @@ class StateSpace:
         return tangent
 
 
+def turned_about_vertical(quaternions: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """(n, 4) quaternions w, x, y, z, rotated by (n,) rad about the world's z axis."""
+    none = np.zeros_like(angle)
+    return _multiply(np.stack([np.cos(angle / 2), none, none, np.sin(angle / 2)], 1), quaternions)
+
+
 def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of (..., 4) quaternions."""
     scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(-1, keepdims=True)

@@ -5,6 +5,8 @@ from collections.abc import Iterable, Iterator
 import mujoco
 import numpy as np
 
+from simtune.simulation.joints import dofs_above
+
 _EQ, _WRAP, _SITE = mujoco.mjtEq, mujoco.mjtWrap, mujoco.mjtObj.mjOBJ_SITE.value
 _BODY_EQUALITIES = (_EQ.mjEQ_CONNECT.value, _EQ.mjEQ_WELD.value)
 _FLEX_EQUALITIES = (_EQ.mjEQ_FLEX.value, _EQ.mjEQ_FLEXVERT.value, _EQ.mjEQ_FLEXSTRAIN.value)
@@ -34,8 +36,7 @@ def tied_bodies(model: mujoco.MjModel) -> set[int]:
 def bodies_of_tendon(model: mujoco.MjModel, tendon: int) -> list[int]:
     """Those that a spatial tendon touches, at sites or around geoms."""
     bodies = list[int]()
-    at, num = model.tendon_adr[tendon], model.tendon_num[tendon]
-    for kind, wrapped in zip(model.wrap_type[at:][:num], model.wrap_objid[at:][:num], strict=True):
+    for kind, wrapped in _wrapped(model, tendon):
         if kind == _WRAP.mjWRAP_SITE.value:
             bodies.append(int(model.site_bodyid[wrapped]))
         elif kind in _GEOM_WRAPS:
@@ -43,12 +44,16 @@ def bodies_of_tendon(model: mujoco.MjModel, tendon: int) -> list[int]:
     return bodies
 
 
-def joints_of_tendon(model: mujoco.MjModel, tendon: int) -> Iterator[int]:
+def joints_of_tendon(model: mujoco.MjModel, tendon: int) -> list[int]:
     """Whose positions a fixed tendon adds up."""
+    wrapped = _wrapped(model, tendon)
+    return [int(joint) for kind, joint in wrapped if kind == _WRAP.mjWRAP_JOINT.value]
+
+
+def _wrapped(model: mujoco.MjModel, tendon: int) -> Iterator[tuple[int, int]]:
+    """Kind and index of each object along a tendon."""
     at, num = model.tendon_adr[tendon], model.tendon_num[tendon]
-    for kind, joint in zip(model.wrap_type[at:][:num], model.wrap_objid[at:][:num], strict=True):
-        if kind == _WRAP.mjWRAP_JOINT.value:
-            yield int(joint)
+    return zip(model.wrap_type[at:][:num], model.wrap_objid[at:][:num], strict=True)
 
 
 def joint_ties(model: mujoco.MjModel) -> list[int]:
@@ -74,16 +79,6 @@ def dofs_of_ties(model: mujoco.MjModel) -> dict[int, set[int]]:
                 continue  # a state places it, not the model
             # What moves both ends moves neither relative to the other
             found[tie] = dofs_above(model, ends[0]) ^ dofs_above(model, ends[1])
-    return found
-
-
-def dofs_above(model: mujoco.MjModel, body: int) -> set[int]:
-    """Indices of the velocities that move a body."""
-    found = set[int]()
-    while body > 0:
-        first, num = int(model.body_dofadr[body]), int(model.body_dofnum[body])
-        found |= set(range(first, first + num))
-        body = int(model.body_parentid[body])
     return found
 
 

@@ -15,8 +15,6 @@ _DIVERGENCE = [  # counters of MuJoCo's warnings
     mujoco.mjtWarning.mjWARN_BADQVEL.value,
     mujoco.mjtWarning.mjWARN_BADQACC.value,
 ]
-
-
 _WITH_VELOCITIES = mujoco.mjtStage.mjSTAGE_VEL.value
 
 

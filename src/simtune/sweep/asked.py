@@ -9,7 +9,7 @@ from typing import Any
 
 from simtune.config import NO_RECORDINGS, TrainConfig, TuneConfig, check_paths, check_types
 from simtune.errors import UnknownName
-from simtune.tasks.tuning_file.toml_table import usual_name
+from simtune.toml_reading import usual_name
 
 COMMANDS = {"tune": TuneConfig, "train": TrainConfig}
 _PATHS = ("robot", "real_parameters")

@@ -10,7 +10,7 @@ from simtune.errors import InputError
 from simtune.sweep.asked import COMMANDS, AskedRun, check_name, short
 from simtune.sweep.contents import check_options
 from simtune.tasks import AnyTask, load_any_task
-from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
+from simtune.toml_reading import TomlTable, read_toml
 
 _PLAIN = r"[\w.=+-]"  # in the name of a folder
 _LONGEST = 200

@@ -9,10 +9,11 @@ from typing import Any
 from simtune.config import TuneConfig
 from simtune.experiment.presets import choose_schedule, choose_search
 from simtune.run.files import read_json, read_jsonl, write_json
+from simtune.run.stored import read_result
 from simtune.sweep.asked import AskedRun
 from simtune.sweep.lease import Lease, cores_taken
 from simtune.sweep.process import Processes
-from simtune.sweep.standing import Places, read_result
+from simtune.sweep.standing import Places
 from simtune.tasks import load_task
 
 

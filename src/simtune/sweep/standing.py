@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from simtune.run.files import read_json, write_json
+from simtune.run.stored import read_result
 from simtune.sweep.asked import AskedRun
 
 _MOST_KILLS = 20  # by a signal, e.g. for lack of memory, which is rarely the run's own fault
@@ -99,12 +100,3 @@ class Places:
     def _read_noted(self) -> dict[str, Any]:
         known = {"failures": 0, "kills": 0, "reason": None, "spent_s": 0.0}
         return known | (read_json(self.noted) if self.noted.exists() else {})
-
-
-def read_result(run: Path) -> dict[str, Any] | None:
-    """result.json of a run's folder; None if it is missing or damaged."""
-    try:
-        result = read_json(run / "result.json")
-    except (OSError, ValueError):
-        return None
-    return result if isinstance(result, dict) else None

@@ -17,7 +17,7 @@ from simtune.tasks.task import Task
 from simtune.tasks.tuning_file.load import read_task
 from simtune.tasks.tuning_file.model import is_xml
 from simtune.tasks.tuning_file.named_files import named_files
-from simtune.tasks.tuning_file.toml_table import TomlTable, read_toml
+from simtune.toml_reading import TomlTable, read_toml
 
 AnyTask = Task | EnvironmentTask
 IN_PYTHON = "in Python: "  # prefix of the names of tasks that were declared without a file

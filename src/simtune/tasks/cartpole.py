@@ -1,11 +1,12 @@
 """Cartpole, balance: keep a pole upright on a cart (dm_control's task, smooth reward)."""
 
 import numpy as np
+from dm_control.utils.rewards import tolerance
 from mujoco.batch import Batch
 
 from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import reset_to_default
-from simtune.tasks.suite import load_suite_spec, suite_task, tolerance, untextured_model
+from simtune.tasks.suite import load_suite_spec, suite_task, untextured_model
 from simtune.tasks.task import Task
 
 _MAX_POSITION_M = 0.1  # initial positions are uniform within these, velocities are normal
@@ -53,6 +54,6 @@ def _reward(batch: Batch) -> np.ndarray:
     position, angle = batch.qpos.T
     upright = (np.cos(angle) + 1) / 2
     centered = (1 + tolerance(position, margin=2)) / 2
-    small_control = tolerance(batch.ctrl[:, 0], margin=1, value_at_margin=0, shape="quadratic")
+    small_control = tolerance(batch.ctrl[:, 0], margin=1, value_at_margin=0, sigmoid="quadratic")
     small_velocity = (1 + tolerance(batch.qvel[:, 1], margin=5)) / 2
     return upright * (4 + small_control) / 5 * small_velocity * centered

@@ -2,11 +2,12 @@
 
 import mujoco
 import numpy as np
+from dm_control.utils.rewards import tolerance
 from mujoco.batch import Batch
 
 from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import computed, reset_to_default
-from simtune.tasks.suite import load_suite_spec, suite_task, tolerance, untextured_model
+from simtune.tasks.suite import load_suite_spec, suite_task, untextured_model
 from simtune.tasks.task import Task
 
 _RUN_SPEED_M_S = 10.0
@@ -66,11 +67,11 @@ def _initialize(batch: Batch, rng: np.random.Generator) -> None:
 
 def _reward(batch: Batch) -> np.ndarray:
     speed = batch.model.sensor("torso_subtreelinvel").adr[0]  # its first component is along x
-    return tolerance(
+    moving = tolerance(
         computed(batch, "sensordata")[:, speed],
-        low=_RUN_SPEED_M_S,
-        high=np.inf,
+        bounds=(_RUN_SPEED_M_S, np.inf),
         margin=_RUN_SPEED_M_S,
         value_at_margin=0,
-        shape="linear",
+        sigmoid="linear",
     )
+    return np.asarray(moving)

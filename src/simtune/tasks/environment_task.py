@@ -11,7 +11,7 @@ from simtune.cameras.views import View
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.simulation import EnvironmentSimulator
-from simtune.simulation.environment import BoxActions, blame_environment
+from simtune.simulation.user_environment import BoxActions, blame_environment
 from simtune.tasks.task import content_hash, in_a_line
 
 _SLACK = 0.01  # relative difference allowed between the recordings' step and the environment's
@@ -19,7 +19,7 @@ _SLACK = 0.01  # relative difference allowed between the recordings' step and th
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentTask:
-    """Counterpart of `Task`; `simulation.environment` says what `make` must return."""
+    """Counterpart of `Task`; `simulation.user_environment` says what `make` must return."""
 
     name: str
     description: str

@@ -1,15 +1,14 @@
-"""Code shared by dm_control's tasks: models, and soft indicator functions for rewards.
+"""Code shared by dm_control's tasks (Tassa et al. 2018, arXiv:1801.00690).
 
-The models are read without importing dm_control, which would load OpenGL. `tolerance` follows
-dm_control.utils.rewards (Tassa et al. 2018, arXiv:1801.00690, Sec. 4).
+Their models are read without importing dm_control.suite, which would load OpenGL.
 """
 
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import dm_control
 import mujoco
 import numpy as np
 
@@ -65,11 +64,7 @@ def _encoders(model: mujoco.MjModel, joints: tuple[str, ...]) -> JointSensor:
 
 def load_suite_spec(name: str) -> mujoco.MjSpec:
     """The suite's model NAME.xml, e.g. "walker", with the assets it includes."""
-    package = find_spec("dm_control")  # finds a top-level package without importing it
-    if package is None or not package.submodule_search_locations:
-        raise ModuleNotFoundError("dm_control is not installed; the built-in tasks need its models")
-    folder = Path(package.submodule_search_locations[0]) / "suite"
-    return mujoco.MjSpec.from_file(str(folder / f"{name}.xml"))
+    return mujoco.MjSpec.from_file(str(Path(dm_control.__file__).parent / f"suite/{name}.xml"))
 
 
 def untextured_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -78,23 +73,3 @@ def untextured_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     for texture in spec.textures:
         texture.width = texture.height = 1
     return spec.compile()
-
-
-def tolerance(
-    x: np.ndarray,
-    *,
-    low: float = 0.0,
-    high: float = 0.0,
-    margin: float,
-    value_at_margin: float = 0.1,
-    shape: str = "gaussian",
-) -> np.ndarray:
-    """1 where low <= x <= high, falling to `value_at_margin` at a distance of `margin` outside.
-
-    `shape` of the fall: "gaussian", or "linear" or "quadratic" down to 0.
-    """
-    distance = np.maximum(np.maximum(low - x, x - high), 0) / margin
-    if shape == "gaussian":
-        return value_at_margin ** (distance**2)
-    power = {"linear": 1, "quadratic": 2}[shape]
-    return np.maximum(1 - (1 - value_at_margin) * distance**power, 0)

@@ -19,9 +19,9 @@ from simtune.simulation import (
     OPENGL_FAST,
     ActionMapping,
     DirectActions,
-    Drawing,
     MapActions,
     OpenGLQuality,
+    PictureSettings,
     RendererName,
     Scene,
     Script,
@@ -187,7 +187,7 @@ class Task:
             map_actions=self.map_actions,
             script=self.script,
         )
-        drawing = Drawing(
+        pictures = PictureSettings(
             image_size=image_size,
             renderer=renderer,
             quality=quality,
@@ -195,4 +195,4 @@ class Task:
             views=tuple(views),
             device=device,
         )
-        return Simulator(scene, drawing)
+        return Simulator(scene, pictures)

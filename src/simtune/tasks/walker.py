@@ -1,11 +1,12 @@
 """Walker, walk: a planar two-legged walker at 1 m/s (dm_control's task)."""
 
 import numpy as np
+from dm_control.utils.rewards import tolerance
 from mujoco.batch import Batch
 
 from simtune.parameters import colour, dynamics
 from simtune.tasks.batch_state import computed, randomize_joints, reset_to_default
-from simtune.tasks.suite import suite_task, tolerance
+from simtune.tasks.suite import suite_task
 from simtune.tasks.task import Task
 
 _STAND_HEIGHT_M = 1.2  # of the torso
@@ -49,17 +50,15 @@ def _reward(batch: Batch) -> np.ndarray:
     speed = batch.model.sensor("torso_subtreelinvel").adr[0]  # its first component is along x
     standing = tolerance(
         computed(batch, "xpos")[:, torso, 2],
-        low=_STAND_HEIGHT_M,
-        high=np.inf,
+        bounds=(_STAND_HEIGHT_M, np.inf),
         margin=_STAND_HEIGHT_M / 2,
     )
     upright = (1 + computed(batch, "xmat")[:, torso].reshape(-1, 3, 3)[:, 2, 2]) / 2
     moving = tolerance(
         computed(batch, "sensordata")[:, speed],
-        low=_WALK_SPEED_M_S,
-        high=np.inf,
+        bounds=(_WALK_SPEED_M_S, np.inf),
         margin=_WALK_SPEED_M_S / 2,
         value_at_margin=0.5,
-        shape="linear",
+        sigmoid="linear",
     )
     return (3 * standing + upright) / 4 * (5 * moving + 1) / 6

@@ -1,1 +1,1 @@
-"""Searches: how Ξ is moved towards the real world. `make_search` has them by name."""
+"""Searches: how Ξ is moved towards the real world."""

@@ -4,10 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import simtune
-from simtune.errors import InputError
-from simtune.fit import Refits
-from simtune.tuning.estimate import Estimate
+from simtune.fit import Refits, lacks_known_worlds
+from simtune.tuning.estimate import Estimate, refuse_other_fields
 
 _MIN_NEW_REFITS = 2  # they count more than any number of earlier rounds'
 
@@ -26,6 +24,11 @@ class EarlierRounds:
             return made
         return before
 
+    def lacks_refits(self, most: int) -> bool:
+        """Whether more time would give more known worlds, of `most`, where these are too few."""
+        refits = self.refits
+        return refits is None or (lacks_known_worlds(refits) and len(refits.misfits) < most)
+
     def with_doubts(self, estimate: Estimate) -> "EarlierRounds":
         """With the last round's estimate as it was doubted in the end, if something was fitted."""
         return self if self.estimate is None else replace(self, estimate=estimate)
@@ -38,11 +41,7 @@ class EarlierRounds:
     @classmethod
     def from_json(cls, saved: Mapping[str, Any]) -> "EarlierRounds":
         """The inverse of `to_json`. Raises InputError for other fields, of another version."""
-        if others := sorted(saved.keys() ^ cls().to_json().keys()):
-            raise InputError(
-                f"the checkpoint's earlier rounds are of an older version, and simtune "
-                f"{simtune.__version__} has other fields ({', '.join(others)}): go on with the "
-                "former version, or start anew"
-            )
+        others = saved.keys() ^ cls().to_json().keys()
+        refuse_other_fields("earlier rounds are of an older version", others)
         refits, estimate = saved["refits"], saved["estimate"]
         return cls(refits and Refits.from_json(refits), estimate and Estimate.from_json(estimate))

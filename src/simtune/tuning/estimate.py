@@ -1,6 +1,6 @@
 """What a search concludes from the real trajectories."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -63,17 +63,25 @@ class Estimate:
         writer = saved.pop(_WRITER, "(an older version)")
         known = {each.name for each in fields(cls)}
         needed = {each.name for each in fields(cls) if each.default is each.default_factory}
-        if others := sorted((saved.keys() - known) | (needed - saved.keys())):
-            raise InputError(
-                f"the checkpoint's estimate is of simtune {writer}, and simtune "
-                f"{simtune.__version__} has other fields ({', '.join(others)}): go on with the "
-                "former version, or start anew"
-            )
+        others = (saved.keys() - known) | (needed - saved.keys())
+        refuse_other_fields(f"estimate is of simtune {writer}", others)
         arrays = {key: np.array(saved[key]) for key in _ARRAYS}
         curves = {name: (np.array(c), np.array(p)) for name, (c, p) in saved["curves"].items()}
         matrix = saved["correlation"]
         correlation = None if matrix is None else np.array(matrix)
         return cls(**{**saved, **arrays, "curves": curves, "correlation": correlation})
+
+
+def refuse_other_fields(whose: str, others: Collection[str]) -> None:
+    """Raises InputError if a checkpoint's part lacks fields or has `others`.
+
+    `whose`: what part, and of which version, as the subject of a sentence.
+    """
+    if others:
+        raise InputError(
+            f"the checkpoint's {whose}, and simtune {simtune.__version__} has other fields "
+            f"({', '.join(sorted(others))}): go on with the former version, or start anew"
+        )
 
 
 def unsure(distribution: Distribution, verdict: Verdict) -> Estimate:

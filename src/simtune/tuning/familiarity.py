@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.estimate import Estimate
+from simtune.tuning.learning import Detected, HeldOut
 from simtune.verdicts import at_most_weak
 
 _NEAREST_RANK = 3  # so that no single world decides

@@ -15,16 +15,14 @@ from simtune.fit import (
     is_motion_unexplained,
     what_is_unexplained,
 )
-from simtune.randomization import Distribution
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.estimate import Estimate
 from simtune.tuning.fit_verdict import conclude, conclude_by_networks
 from simtune.tuning.fitting import REFIT_TIME, Fitted, Fitting
-from simtune.tuning.learning import Learning, LearningResult
 from simtune.tuning.readings.estimate import ReadingsEstimate
 from simtune.tuning.refit_plan import RefitPlan
 from simtune.tuning.rounds import FIT, REFIT, RoundTime
-from simtune.tuning.search import Callbacks
+from simtune.tuning.search import Callbacks, SearchContext
 from simtune.verdicts import at_most_weak
 
 _MIN_KNOWN_WORLDS = 2  # that are worth a round of their own
@@ -40,17 +38,15 @@ class Judged(NamedTuple):
 
     estimate: Estimate
     curves: np.ndarray  # (N, C)
-    rounds: EarlierRounds  # with this one
+    earlier: EarlierRounds  # with this one
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judging:
     """A round's fit, and what its refits showed."""
 
+    context: SearchContext
     fitting: Fitting
-    learning: Learning  # draws known worlds
-    learned: LearningResult
-    first: Distribution  # the range of the first round
     by_readings: ReadingsEstimate | None
     earlier: EarlierRounds
     picture_s: float = 0.0  # to draw a picture and to detect in it; 0: unknown
@@ -82,17 +78,17 @@ class Judging:
         self, fitted: Fitted, observed: Observed, given: RoundTime, callbacks: Callbacks
     ) -> Refits:
         """As many as there is time for; none if this cannot be the last round."""
-        fit, stage, fit_s = fitted
-        budget, plan = given.budget, RefitPlan(0, 0)
-        if given.is_last:
-            budget = self._for_known_worlds(fit_s, given)
-            size, config = observed.actions.shape[:2], self.learning.config
-            plan = RefitPlan.within(budget, size, fit_s, self.picture_s, config)
+        fit, fit_s = fitted.fit, fitted.seconds
+        if not given.is_last:
+            return Refits.none(fit)
+        budget = self._for_known_worlds(fit_s, given)
+        size, config = observed.actions.shape[:2], self.fitting.learning.config
+        plan = RefitPlan.within(budget, size, fit_s, self.picture_s, config)
         if plan.num_worlds:
             refits = self.earlier.refits_to_trust(Refits.none(fit))
             callbacks.report_early(self._conclude(fit, refits)[0])
-        part, rng = budget.part(budget.seconds_left, REFIT), self.learning.worlds.rng
-        return stage.refit(observed, fit, self.fitting.start, plan, rng, given.is_last, part)
+        part = budget.part(budget.seconds_left, REFIT)
+        return self.fitting.refit(fitted, observed, plan, part)
 
     def _for_known_worlds(self, fit_s: float, given: RoundTime) -> Budget:
         """What is left of the round; of all rounds, where that is too short for two known worlds.
@@ -109,15 +105,15 @@ class Judging:
 
         The best that a fit can do with a motor that is reversed is to switch it off.
         """
-        space = self.first.space
+        space = self.context.simulator.space
         at_bound = bound_warnings(space, space.to_unit(fit.parameters), fit.is_moving)
         return is_motion_unexplained(fit, refits) or bool(at_bound)
 
     def _unless_misread(self, estimate: Estimate, fitted: Fitted, observed: Observed) -> Estimate:
         """The estimate, doubted if other actions than the recorded ones explain far more."""
         fit, latencies = fitted.fit, sorted({0, fitted.fit.latency_steps})
-        replay_fit = fitted.stage.replay_fit
-        if not (said := replay_fit.misread_actions(observed, self.fitting.start, latencies)):
+        start = self.fitting.start
+        if not (said := fitted.replay_fit.misread_actions(observed, start, latencies)):
             return estimate
         verdict = at_most_weak(estimate.verdict, fit.is_moving)
         return replace(estimate, verdict=verdict, warnings=[*said, *estimate.warnings])
@@ -127,15 +123,14 @@ class Judging:
 
         If there is none, that of the networks alone.
         """
-        stage = self.fitting.stage
-        estimate, curves = conclude_by_networks(self.learned, stage.context)
+        estimate, curves = conclude_by_networks(self.fitting.learned, self.context)
         if self.earlier.estimate:
             return self.earlier.estimate, curves
         verdict = at_most_weak(estimate.verdict)
         of_readings = ""
         if self.by_readings:
             of_readings = " but what joint readings tell alone"
-        elif stage.reading_labels:
+        elif self.context.observation.reading_labels:
             of_readings = ". Joint readings were not fitted alone, either"
         warnings = [_NO_FIT.format(of_readings)]
         estimate = replace(estimate, verdict=verdict, warnings=warnings)
@@ -144,17 +139,11 @@ class Judging:
         return estimate, curves
 
     def _conclude(self, fit: FitResult, refits: Refits) -> tuple[Estimate, np.ndarray]:
-        estimate, curves = conclude(
-            self.learned.prob_higher,
-            fit,
-            refits,
-            self.learned.searched,
-            self.first,
-            self.learning.config.range_update,
-        )
+        learned, first = self.fitting.learned, self.context.first
+        estimate, curves = conclude(learned.prob_higher, fit, refits, learned.searched, first)
         estimate = replace(estimate, warnings=[*estimate.warnings, *self._delays(fit)])
         if len(fit.offsets):
-            labels = self.fitting.stage.reading_labels
+            labels = self.context.observation.reading_labels
             offsets = dict(zip(labels, fit.offsets.tolist(), strict=True))
             estimate = replace(estimate, offsets=offsets)
         if self.by_readings:
@@ -165,4 +154,4 @@ class Judging:
     def _delays(self, fit: FitResult) -> list[str]:
         """Warnings of what comes late; actions that readings call late were shifted before."""
         steps = fit.latency_steps + (self.by_readings.latency_steps if self.by_readings else 0)
-        return delay_warnings(fit.late_s, steps, self.fitting.stage.context.simulator.step_s)
+        return delay_warnings(fit.late_s, steps, self.context.simulator.step_s)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from simtune.fit import READINGS, FitResult, Lateness, Observed, states_in_late_pictures
+from simtune.fit.lateness import late_unit
 from simtune.observation import JointReadings
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
 from simtune.simulation import Rollouts
@@ -62,7 +63,7 @@ class KnownWorlds:
             observe=see,
             observations_per_step=lateness.predictions_per_step,
         ).finished()
-        late = np.full((len(played), 1), Lateness.unit(late_s / simulator.step_s))
+        late = np.full((len(played), 1), late_unit(late_s / simulator.step_s))
         return replace(played, observed=lateness.seen(played.observed, late))
 
 

@@ -1,5 +1,6 @@
 """What a round learns in simulation: the detector, and the posterior network of survival curves."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,16 +12,40 @@ from simtune.fit import PointEstimate, Split
 from simtune.networks.training import TrainingClock
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
-from simtune.search_param_model.simulated import NearlyAllDiverged, SimulatedWorlds
+from simtune.search_param_model.simulated import FilmedWorlds, NearlyAllDiverged, SimulatedWorlds
 from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.trajectory import Trajectory
-from simtune.tuning.detected import Detected, HeldOut
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.rounds import SIMULATE, TRAIN_DETECTOR, TRAIN_POSTERIOR_NET
 from simtune.tuning.survival_curves import candidate_grid
 from simtune.tuning.world_sampler import WorldSampler
+from simtune.vision.detections import Detections
+from simtune.vision.detector_noise import DetectorNoise
 
 _NEAR_STDS = 2.5  # from a start, within which worlds resemble the real one
+
+
+class HeldOut(NamedTuple):
+    """Worlds that the detector was not trained on, and its detections there."""
+
+    worlds: FilmedWorlds
+    detections: Detections
+
+    @property
+    def episodes(self) -> list[Detections]:
+        """The detections in each world."""
+        return self.detections.episodes(len(self.worlds.frames))
+
+    def noise(self) -> DetectorNoise:
+        """The detector's, in these worlds."""
+        return DetectorNoise.measured(self.episodes, self.worlds.filmed_keypoints())
+
+
+class Detected(NamedTuple):
+    """Trajectories, and the detections in the frames of each."""
+
+    trajectories: list[Trajectory]
+    detections: Sequence[Detections]
 
 
 class LearningResult(NamedTuple):

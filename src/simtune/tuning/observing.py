@@ -7,10 +7,10 @@ import numpy as np
 
 from simtune.fit import PICTURES, Lateness, Observed
 from simtune.observation import AllEvidence, JointReadings
-from simtune.search_param_model.simulated import SimulatedWorlds
+from simtune.search_param_model.simulated import FilmedWorlds
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.detected import HeldOut
+from simtune.tuning.learning import HeldOut
 from simtune.tuning.search import SearchContext
 from simtune.vision.detections import Detections
 from simtune.vision.detector_noise import DetectorNoise
@@ -89,7 +89,7 @@ def as_observed(
     return Observed(evidence, worlds.filmed_actions().astype(float))
 
 
-def _with_gaps(worlds: SimulatedWorlds, real: Sequence[Trajectory]) -> dict[str, np.ndarray]:
+def _with_gaps(worlds: FilmedWorlds, real: Sequence[Trajectory]) -> dict[str, np.ndarray]:
     """{sensor: (W, F, D)} of worlds, each without the readings that a real episode lacks."""
     steps = min(len(t) for t in real)
     at = worlds.filmed_from[:, None] + np.arange(worlds.frames.shape[1])  # (W, F), within `steps`

@@ -4,15 +4,15 @@ A round's work is counted in four units, each timed once: a world's policy step,
 picture detected, an update of the detector.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from simtune.budget import timed
 from simtune.columns import two_digits
-from simtune.fit import FEW_EPISODES, MOST_EPISODES, FitWork, count_fit_steps
+from simtune.fit import FEW_EPISODES, FitWork, count_fit_steps
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
@@ -21,6 +21,9 @@ from simtune.trajectory import Trajectory
 from simtune.tuning.posterior_config import PosteriorSearchConfig
 from simtune.tuning.search import SearchContext
 
+T = TypeVar("T")
+
+MOST_REPLAYED = 4  # episodes, by a check: any others are assumed to tell as much
 _TIMED_WORLDS, _TIMED_STEPS, _TIMED_UPDATES = 32, 20, 3
 _SMALL_UPDATE_RATIO = 0.7  # of another network's update to one of the detector
 _UNCOUNTED_FACTOR = 1.3  # for all that is not counted, as latencies that are tried
@@ -38,14 +41,6 @@ _CHEAPER_RENDER = (
     "the environment's own render() without shadows, reflections and multisampling, and of hardly "
     "more pixels than --image-size,"
 )
-
-
-class RoundTimes(NamedTuple):
-    """Seconds of a first round, and of one of its pictures."""
-
-    least_s: float  # of the smallest sound round
-    whole_s: float
-    picture_s: float  # to draw one, and to detect in it
 
 
 class Work(NamedTuple):
@@ -86,11 +81,11 @@ class Pace:
         simulator, rng = context.simulator, stream(context.seed, Purpose.PACE)
         worlds = distribution.sample(_TIMED_WORLDS, rng)
         act = simulator.explore(_TIMED_WORLDS, _TIMED_STEPS, rng)
-        step_s, played = _timed(lambda: simulator.play(worlds, act, _TIMED_STEPS, rng))
+        step_s, played = _timed_again(lambda: simulator.play(worlds, act, _TIMED_STEPS, rng))
         last = played.states[:, -1]
-        frame_s, frames = _timed(lambda: simulator.render(last, worlds))
-        detect_s, _ = _timed(lambda: model.detect(frames))
-        update_s, _ = _timed(lambda: model.time_updates(frames, _TIMED_UPDATES))
+        frame_s, frames = _timed_again(lambda: simulator.render(last, worlds))
+        detect_s, _ = _timed_again(lambda: model.detect(frames))
+        update_s, _ = _timed_again(lambda: model.time_updates(frames, _TIMED_UPDATES))
         return cls(
             step_s / (_TIMED_WORLDS * _TIMED_STEPS),
             frame_s / _TIMED_WORLDS,
@@ -104,7 +99,7 @@ class Pace:
 
     def check_s(self, work: Work, reads: bool) -> float:
         """Approximate seconds of what `simtune check` would say; `reads`: of readings, too."""
-        played = min(MOST_EPISODES, work.num_episodes) * work.num_steps
+        played = min(MOST_REPLAYED, work.num_episodes) * work.num_steps
         # Each parameter changes once, and derivatives are by all parameters and states
         changed = 2 + 2 * work.num_fitted + work.num_tangent
         return self.step_s * played * changed * (1 + _READINGS_TIME_RATIO * reads)
@@ -185,9 +180,8 @@ def smallest(config: PosteriorSearchConfig) -> PosteriorSearchConfig:
     )
 
 
-def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Seconds of a second call: one-time work of the first is not counted."""
+def _timed_again(work: Callable[[], T]) -> tuple[float, T]:
+    """The second call: one-time work of the first is not counted."""
     work()
-    began_s = time.monotonic()
-    done = work()
-    return max(1e-9, time.monotonic() - began_s), done
+    seconds, done = timed(work)
+    return max(1e-9, seconds), done

@@ -19,7 +19,7 @@ from simtune.networks.layers import (
 )
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
-from simtune.replay import Episodes, EpisodeStore
+from simtune.replay_buffer import Episodes, EpisodeStore
 from simtune.search_param_model.paper import Method, PaperConfig, PaperSearchParamModel
 from simtune.search_param_model.windows import SpmBuffer
 from simtune.tasks import check_known_is_used

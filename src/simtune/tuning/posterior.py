@@ -23,13 +23,8 @@ import numpy as np
 import torch
 
 from simtune.budget import Budget
-from simtune.columns import episode_in_words
-from simtune.errors import InputError
-from simtune.fit import lacks_known_worlds
-from simtune.networks.layers import load_generator, load_weights, under
 from simtune.randomization import Distribution
 from simtune.search_param_model.posterior import PosteriorSearchParamModel
-from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.trajectory import Trajectory
 from simtune.tuning.earlier_rounds import EarlierRounds
 from simtune.tuning.edges import doubted_at_edges, leads_beyond
@@ -39,11 +34,12 @@ from simtune.tuning.fit_verdict import conclude_by_networks
 from simtune.tuning.fitting import Fitting
 from simtune.tuning.judging import Judging
 from simtune.tuning.learning import Learning, LearningResult
-from simtune.tuning.pace import Pace, RoundTimes, Work, smallest
 from simtune.tuning.posterior_config import PosteriorSearchConfig
+from simtune.tuning.posterior_scope import refuse_short, refuse_what_never_shows, what_counts
 from simtune.tuning.range_update import update_range
 from simtune.tuning.readings.estimate import ReadingsEstimate
 from simtune.tuning.readings.first import ReadingsFirst
+from simtune.tuning.round_times import RoundTimes, measure_times
 from simtune.tuning.rounds import Rounds, RoundTime, half_widths
 from simtune.tuning.search import (
     NO_CALLBACKS,
@@ -63,21 +59,16 @@ class PosteriorSearch(Search):
 
     def __init__(self, context: SearchContext, config: PosteriorSearchConfig | None = None):
         """Raises InputError if nothing moves that could show a hidden parameter."""
-        _check_shown(context)
-        space = context.simulator.space
+        refuse_what_never_shows(context)
         self.config = config = config or PosteriorSearchConfig()
         self.context = context
         self.first = self.distribution = context.first
-        every, moving = np.arange(len(space)), np.flatnonzero(~space.is_appearance)
-        is_dimmed = config.tolerates_brightness and context.observation.image_noise is not None
-        is_of_motion = is_dimmed and len(moving) > 0
-        self._counted = moving if is_of_motion else every  # parameters that must be precise
-        counted = "parameter of the motion" if is_of_motion else "parameter"
+        self._counted, counted = what_counts(context, config.tolerates_brightness)
         self._rounds = Rounds(config.num_rounds, config.precision, counted)
         self.model = PosteriorSearchParamModel(
             len(context.keypoints),
             context.simulator.action_scale,
-            space.is_visible,
+            context.simulator.space.is_visible,
             context.simulator.shape,
             config.model,
             context.seed,
@@ -107,29 +98,12 @@ class PosteriorSearch(Search):
 
     def check(self, real: list[Trajectory], names: Sequence[str] = ()) -> None:
         """Raises InputError if there are no trajectories, or too short ones."""
-        if not real:
-            raise InputError("no episodes: there is nothing to tune to")
-        lengths = [len(t) for t in real]
-        if (steps := min(lengths)) < SHORTEST_STEPS:
-            episode = episode_in_words(names, lengths.index(steps))
-            raise InputError(
-                f"{episode} has {steps} steps; expected at least {SHORTEST_STEPS}: leave it out "
-                "(--leave-out), or record a longer one"
-            )
+        refuse_short(real, names)
 
     def measure_time(self, real: list[Trajectory]) -> TimeNeeded:
         """See `Search`."""
-        pace = Pace.measure(self.context, self.model, self.first)
-        can_fit, least = self.context.can_fit, smallest(self.config)
-        work = Work.of(self.context.simulator, real, can_fit)
-        self._times = times = RoundTimes(
-            least_s=pace.round_s(least, work),
-            whole_s=pace.round_s(self.config, work),
-            picture_s=pace.frame_s + pace.detect_s,
-        )
-        check_s = pace.check_s(work, bool(self.context.observation.sensors)) * can_fit
-        first_s, mostly = self._readings_first.measure_s(real), pace.mostly(least, work)
-        return TimeNeeded(times.least_s, times.whole_s, check_s, mostly, first_s)
+        self._times, needed = measure_times(self.context, self.model, self.config, real)
+        return needed._replace(first_s=self._readings_first.measure_s(real))
 
     def run_round(
         self,
@@ -185,12 +159,10 @@ class PosteriorSearch(Search):
         if self.context.can_fit:
             has_earlier = self._earlier.estimate is not None
             judging = Judging(
+                context=self.context,
                 fitting=Fitting.prepare(
                     self.context, self._learning, learned, by_readings, has_earlier, given.budget
                 ),
-                learning=self._learning,
-                learned=learned,
-                first=self.first,
                 by_readings=by_readings,
                 earlier=self._earlier,
                 picture_s=self._times.picture_s if self._times else 0.0,
@@ -208,10 +180,8 @@ class PosteriorSearch(Search):
         """Whether more time would tell users more of what verdicts rest on; a policy reads none."""
         if self.config.for_policy or not self.context.can_fit:
             return False
-        refits = self._earlier.refits
-        if refits is None or self._readings_first.lacked_time:
-            return True
-        return lacks_known_worlds(refits) and len(refits.misfits) < self.config.most_refits
+        lacks_refits = self._earlier.lacks_refits(self.config.most_refits)
+        return lacks_refits or self._readings_first.lacked_time
 
     def _move(
         self,
@@ -224,9 +194,7 @@ class PosteriorSearch(Search):
 
         `lacked_time`: see `Rounds.end`.
         """
-        self.distribution, events = update_range(
-            curves, searched, self.first, self.config.range_update
-        )
+        self.distribution, events = update_range(curves, searched, self.first)
         can_fit = self.context.can_fit
         is_judged = bool(estimate.ranks) or not can_fit
         is_judged &= not leads_beyond(curves, searched, events, can_fit)
@@ -251,9 +219,7 @@ class PosteriorSearch(Search):
         return self.model.detect(frames)
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        parts = {"detector": self.model.detector, "posterior_net": self.model.posterior_net}
-        tensors = {f"{p}.{k}": v for p, m in parts.items() for k, v in m.state_dict().items()}
-        return tensors | {"generator": self.model.generator.get_state()}
+        return self.model.tensors()
 
     def state(self) -> dict[str, Any]:
         rng = (self._unfinished or {}).get("rng") or self._learning.worlds.rng.bit_generator.state
@@ -266,22 +232,10 @@ class PosteriorSearch(Search):
         }
 
     def load(self, tensors: dict[str, torch.Tensor], state: dict[str, Any]) -> None:
-        load_weights(self.model.detector, under("detector.", tensors), "detector")
-        load_weights(self.model.posterior_net, under("posterior_net.", tensors), "posterior_net")
-        load_generator(self.model.generator, tensors["generator"])
+        self.model.load(tensors)
         self._rounds.load(state)
         self.distribution = self.distribution.with_state(state["distribution"])
         self._learning.worlds.rng.bit_generator.state = state["rng"]
         self._unfinished = state["unfinished"]
         self._earlier = EarlierRounds.from_json(state["earlier"])
         self._readings_first.load(state["readings_first"])
-
-
-def _check_shown(context: SearchContext) -> None:
-    """Raises InputError if nothing moves that could show a hidden parameter."""
-    hidden = [p.name for p in context.simulator.space if not p.is_visible]
-    if hidden and not len(context.keypoints):
-        raise InputError(
-            f"{hidden[0]} shows in motion only, and nothing moves in the simulator's episodes: "
-            "have them start elsewhere, act, or leave the parameter out"
-        )

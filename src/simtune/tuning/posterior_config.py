@@ -4,13 +4,11 @@ from dataclasses import dataclass, field
 
 from simtune.fit import FitConfig
 from simtune.search_param_model.posterior import PosteriorConfig
-from simtune.tuning.range_update import RangeUpdateConfig
 
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorSearchConfig:
     model: PosteriorConfig = field(default_factory=PosteriorConfig)
-    range_update: RangeUpdateConfig = field(default_factory=RangeUpdateConfig)
     fit: FitConfig = field(default_factory=FitConfig)
     num_worlds: int = 192  # simulated per round
     episodes_per_world: int = 4  # at most; each replays a real one's actions

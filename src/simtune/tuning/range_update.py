@@ -1,7 +1,5 @@
 """What survival curves say: an estimate with verdicts, and how Ξ moves; pure functions."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from simtune.randomization import Distribution
@@ -19,15 +17,10 @@ _BEYOND_PROBABILITY = 0.05  # past an end of the grid, from which the interval r
 _MAX_INFORMATIVE_WIDTH = 0.565  # of the range: a curve whose central 90 % is wider says nothing
 _EDGE_SHARE = 0.01  # of the range, from its ends
 _WIDENED_SHARE = 0.75  # of the range: from the median to an end that is widened
-
-
-@dataclass(frozen=True, kw_only=True)
-class RangeUpdateConfig:
-    edge_mass: float = 0.1  # probability beyond its edge from which a range is widened
-    margin: float = 1.6  # narrowed range over the central 98 %, so as not to cut off the posterior
-    barely_narrowed: float = 0.85  # a range that keeps this share of its width is left as it is
-    smallest_share: float = 0.06  # of the first range: smallest width of any range
-    posterior_net_weight: float = 0.04  # for the case that the fit failed
+_EDGE_PROBABILITY = 0.1  # beyond its edge, from which a range is widened
+MARGIN = 1.6  # narrowed range over the central 98 %, so as not to cut off the posterior
+_BARELY_NARROWED = 0.85  # a range that keeps this share of its width is left as it is
+SMALLEST_SHARE = 0.06  # of the first range: smallest width of any range
 
 
 def read_curves(
@@ -54,20 +47,17 @@ def read_curves(
 
 
 def update_range(
-    prob_higher: np.ndarray,
-    distribution: Distribution,
-    first: Distribution,
-    config: RangeUpdateConfig,
+    prob_higher: np.ndarray, distribution: Distribution, first: Distribution
 ) -> tuple[Distribution, list[Event]]:
     """Move to the median; narrow the range if the curve is sharp, widen it if it hits an edge."""
     space, median = distribution.space, quantile(prob_higher, 0.5)
     # Half of the smallest width allowed, in coordinates of the present range
     old_width = first.to_range_unit(distribution.high) - first.to_range_unit(distribution.low)
-    smallest = config.smallest_share / old_width / 2
-    middle, half = _middle_and_half(prob_higher, config.margin)
+    smallest = SMALLEST_SHARE / old_width / 2
+    middle, half = _middle_and_half(prob_higher)
     half = np.maximum(half, smallest)
-    is_kept = 2 * half > config.barely_narrowed
-    is_widened = _is_beyond(prob_higher, config.edge_mass) & _is_informative(prob_higher)
+    is_kept = 2 * half > _BARELY_NARROWED
+    is_widened = _is_beyond(prob_higher) & _is_informative(prob_higher)
     low, high = np.select(
         [is_widened, is_kept],
         [np.stack([median - _WIDENED_SHARE, median + _WIDENED_SHARE]), [[0.0], [1.0]]],
@@ -80,16 +70,17 @@ def update_range(
     return updated, _events(distribution, updated)
 
 
-def _middle_and_half(prob_higher: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) middle and (N,) half width, times `margin`, of the central 98 %."""
+def _middle_and_half(prob_higher: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) middle and (N,) half width, with a margin, of the central 98 %."""
     low, high = quantile(prob_higher, 0.01), quantile(prob_higher, 0.99)
-    return (low + high) / 2, margin * (high - low) / 2
+    return (low + high) / 2, MARGIN * (high - low) / 2
 
 
-def _is_beyond(prob_higher: np.ndarray, edge_mass: float) -> np.ndarray:
+def _is_beyond(prob_higher: np.ndarray) -> np.ndarray:
     """(2, N) bool: whether the posterior may go on below, and above the range."""
-    below = quantile(prob_higher, edge_mass) < _EDGE_SHARE
-    return np.stack([below, quantile(prob_higher, 1 - edge_mass) > 1 - _EDGE_SHARE])
+    below = quantile(prob_higher, _EDGE_PROBABILITY) < _EDGE_SHARE
+    above = quantile(prob_higher, 1 - _EDGE_PROBABILITY) > 1 - _EDGE_SHARE
+    return np.stack([below, above])
 
 
 def _is_informative(prob_higher: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from simtune.randomization import Distribution
 
 _GRID = np.linspace(-0.25, 1.25, 12001)  # finer than a fit is sharp; linear in between
 _SMALLEST_STD = 5e-5
+_NET_SHARE = 0.04  # of the posterior network in a mixture, for the case that the fit failed
 _MIN_STD_POINTS = 0.1  # of the grid: a smaller standard deviation changes no curve
 # Points of a curve that are kept, for plots and draws: every so many, and those where it has fallen
 # to these values.
@@ -31,14 +32,12 @@ def point_estimate(prob_higher: np.ndarray, distribution: Distribution) -> Point
     return PointEstimate(space.clip(middle), spread / 2 * distribution.unit_width)
 
 
-def with_fit(
-    prob_higher: np.ndarray, mean: np.ndarray, std: np.ndarray, net_weight: float
-) -> np.ndarray:
+def with_fit(prob_higher: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
     """(N, C) mixture of the posterior network's curves and a fit's normal ones.
 
-    `mean`, `std`: (N,) of the fit in coordinates of the range; `net_weight`: the network's share.
+    `mean`, `std`: (N,) of the fit in coordinates of the range.
     """
-    return net_weight * prob_higher + (1 - net_weight) * normal_curves(mean, std)
+    return _NET_SHARE * prob_higher + (1 - _NET_SHARE) * normal_curves(mean, std)
 
 
 def normal_curves(mean: np.ndarray, std: np.ndarray) -> np.ndarray:

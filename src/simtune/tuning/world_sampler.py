@@ -7,7 +7,12 @@ import numpy as np
 from simtune.budget import Budget
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
-from simtune.search_param_model.simulated import PlayedWorlds, SimulatedWorlds, play_worlds
+from simtune.search_param_model.simulated import (
+    FilmedWorlds,
+    PlayedWorlds,
+    SimulatedWorlds,
+    play_worlds,
+)
 from simtune.search_param_model.training_pictures import TrainingPictures
 from simtune.trajectory import Trajectory
 from simtune.tuning.search import SearchContext
@@ -40,10 +45,10 @@ class WorldSampler:
         num_worlds: int,
         num_frames: int,
         budget: Budget,
-    ) -> SimulatedWorlds:
+    ) -> FilmedWorlds:
         """Worlds of an episode each, of which `num_frames` successive frames are filmed."""
         num_frames, played = self._affordable(num_frames), self._play(real, searched, num_worlds, 1)
-        return SimulatedWorlds.joined([p.filmed(num_frames, self.rng) for p in budget.each(played)])
+        return FilmedWorlds.joined([p.filmed(num_frames, self.rng) for p in budget.each(played)])
 
     def play_and_draw(
         self,

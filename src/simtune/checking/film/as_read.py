@@ -7,20 +7,18 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 
-from simtune.cameras.views import apart
-from simtune.checking.film.camera_film import MOST_STEPS
-from simtune.checking.film.library import brought_to_size
+from simtune.checking.film.camera_film import MOST_FILMED_STEPS
+from simtune.checking.film.library import squares
 from simtune.fit import Readings
 from simtune.fit.physics import Physics
 from simtune.fit.readings.measured_states import MeasuredStates
-from simtune.observation import ObservationModel, joints_of, measured_places
-from simtune.parameters.backlash import play_of
+from simtune.observation import ObservationModel, measured_places
+from simtune.parameters.backlash_joints import play_of
 from simtune.parameters.joint_types import HINGE
-from simtune.simulation import Simulator
-from simtune.simulation.filming import Filming
+from simtune.simulation import PictureSettings, Simulator
 from simtune.simulation.rendering.appearance import NUM_GROUPS
 from simtune.simulation.rendering.plate import stands_still
-from simtune.simulation.scene import Drawing
+from simtune.simulation.rendering.renderers import Renderers
 from simtune.trajectory import Trajectory, moments
 from simtune.vision.keypoints import is_drawn
 
@@ -33,16 +31,16 @@ class AsRead:
     """
 
     def __init__(
-        self, simulator: Simulator, seen: ObservationModel, episodes: Sequence[Trajectory]
+        self, simulator: Simulator, observation: ObservationModel, episodes: Sequence[Trajectory]
     ):
         """`episodes`: with readings."""
-        self._simulator, sensors = simulator, joints_of(seen.sensors)
+        self._simulator, sensors = simulator, observation.sensors
         nominal, rng = simulator.space.nominal, np.random.default_rng(0)
         self._begun = simulator.begin(nominal[None], rng).states[0, 0]
-        measured = MeasuredStates(Physics(simulator, seen.observe_beside(), self._begun), sensors)
+        physics = Physics(simulator, observation.observe_beside(), self._begun)
+        measured = MeasuredStates(physics, sensors)
         values = Readings.of(episodes, sensors).values
-        no_offsets, unit = np.zeros(values.shape[-1]), simulator.space.to_unit(nominal)
-        states = measured.as_read(values, no_offsets, unit)
+        states = measured.as_read(values, simulator.space.to_unit(nominal))
         rest = simulator.state_space.positions_and_velocities(self._begun)
         changing = np.flatnonzero((states != rest).any((0, 1))).tolist()  # tied to measured ones
         model, known = simulator.model, {*measured_places(sensors), *changing}
@@ -52,7 +50,7 @@ class AsRead:
         moves = is_drawn(model) & is_placed[model.geom_bodyid] & ~stands_still(model)
         self._places: list[int] = model.jnt_qposadr[is_placed[model.jnt_bodyid]].tolist()
         self._places *= bool(moves.any())
-        self._filming = _filming(simulator, is_placed) if self._places else None
+        self._renderers = _renderers(simulator, is_placed) if self._places else None
         self._states = np.tile(rest, (*states.shape[:2], 1))
         self._states[..., self._places] = states[..., self._places]
         self._lengths = np.array([len(episode) for episode in episodes])
@@ -80,7 +78,7 @@ class AsRead:
         `late_steps`: by which pictures show an earlier moment than readings. `changed`: {place:
         factor on a position, and what is added}.
         """
-        last = np.minimum(self._lengths, MOST_STEPS)[:, None]
+        last = np.minimum(self._lengths, MOST_FILMED_STEPS)[:, None]
         steps = moments(last, num_pictures) - late_steps
         steps = steps.clip(0, self._lengths[:, None])
         states = self._states[np.arange(len(steps))[:, None], steps]
@@ -88,10 +86,9 @@ class AsRead:
             states[..., place] = factor * states[..., place] + added
         space, num = self._simulator.state_space, steps.size
         full = space.with_positions_and_velocities(self._begun, states.reshape(num, -1))
-        assert self._filming is not None
-        drawn = self._filming.render(full, np.tile(self._simulator.space.nominal, (num, 1)))
-        views = [brought_to_size(view) for view in apart(drawn, self._simulator.widths)]
-        return [view.reshape(*steps.shape, *view.shape[1:]) for view in views]
+        assert self._renderers is not None
+        drawn = self._renderers.render(full, np.tile(self._simulator.space.nominal, (num, 1)))
+        return squares(drawn, self._simulator.widths, steps.shape)
 
 
 def _is_placed(model: mujoco.MjModel, known: set[int]) -> np.ndarray:
@@ -104,9 +101,9 @@ def _is_placed(model: mujoco.MjModel, known: set[int]) -> np.ndarray:
     return placed
 
 
-def _filming(simulator: Simulator, is_placed: np.ndarray) -> Filming:
+def _renderers(simulator: Simulator, is_placed: np.ndarray) -> Renderers:
     """Draws what stands still and bodies that are placed, without what hangs on others."""
     model = copy.copy(simulator.model)
     model.geom_group[~is_placed[model.geom_bodyid]] = NUM_GROUPS
-    drawing = Drawing(image_size=simulator.image_size, views=tuple(simulator.views))
-    return Filming(model, simulator.space, drawing)
+    pictures = PictureSettings(image_size=simulator.image_size, views=tuple(simulator.views))
+    return Renderers(model, simulator.space, pictures)

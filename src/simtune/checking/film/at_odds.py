@@ -11,9 +11,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from simtune.budget import Budget, OutOfTime
+from simtune.budget import NO_LIMIT, Budget, OutOfTime
 from simtune.checking.film.explanations import AtOdds, Worlds, each_moving
-from simtune.checking.film.library import brought_to_size
 from simtune.checking.film.played import Played
 from simtune.simulation import Simulator
 from simtune.simulation.servos import position_servos
@@ -27,14 +26,13 @@ def at_odds(
     simulator: Simulator,
     recorded: Mapping[str, np.ndarray],
     seed: int,
-    budget: Budget | None = None,
+    budget: Budget = NO_LIMIT,
 ) -> dict[int, AtOdds]:
-    """What would explain films, {number of the view: (E, K, H, W, 3)}, where that is clear.
+    """What would explain films, {number of the view: (E, K, SIZE, SIZE, 3)}, where that is clear.
 
     `recorded`: the (T, A) actions of these episodes, by name. Raises OutOfTime if a film needs an
     explanation and the `budget` leaves too little time to look for one.
     """
-    budget = budget or Budget()
     are_few = not films or len(recorded) < _FEWEST_EPISODES
     if are_few or not position_servos(simulator.model).all():
         return {}
@@ -45,9 +43,8 @@ def at_odds(
         return {}
     played_s = time.monotonic() - began_s
     num = next(iter(films.values())).shape[1]
-    small = {i: np.stack([brought_to_size(its) for its in film]) for i, film in films.items()}
     worlds = {i: Worlds(view) for i, view in enumerate(played.draw(num)) if i in films}
-    poor = [i for i in films if worlds[i].is_poor(small[i])]
+    poor = [i for i in films if worlds[i].is_poor(films[i])]
     if not poor:
         return {}
     drawn_s, num_signs = time.monotonic() - began_s - played_s, len(_signs(simulator))
@@ -63,8 +60,8 @@ def at_odds(
     for i in poor:
         its_late = [each_moving(views[i]) for views in late]
         its_signs = {says: each_moving(views[i]) for says, views in signs.items()}
-        if its := worlds[i].explain(small[i], its_late, its_signs, list(recorded)):
-            found[i] = its
+        if explained := worlds[i].explain(films[i], its_late, its_signs, list(recorded)):
+            found[i] = explained
     return found
 
 

@@ -1,22 +1,23 @@
 """What one camera filmed, and the view that the simulator draws beside it."""
 
 from collections.abc import Mapping
-from dataclasses import replace
-from types import MappingProxyType
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from simtune.cameras.pictures import resize
 from simtune.cameras.views import View, apart
+from simtune.checking.film.features import squeezed
 from simtune.observation import ObservationModel
 
-MOST_EPISODES = 3  # whose pictures are compared with the simulator's
-MOST_STEPS = 200  # of an episode that are used
+MOST_FILMED = 3  # whose pictures are compared with the simulator's
+MOST_FILMED_STEPS = 200  # of an episode that are used
 _PICTURES, _FEWEST_PICTURES = 24, 8  # in total, and at least per episode
 
 
-class CameraFilm(NamedTuple):
+@dataclass(frozen=True)
+class CameraFilm:
     """Some frames of some episodes."""
 
     name: str
@@ -24,7 +25,12 @@ class CameraFilm(NamedTuple):
     view: View  # whose plate, if any, is as large as the frames
     is_plate: bool  # whether that plate is the film's own background: only motion can differ
     # {colour: share of the picture that it paints over the plate}
-    painted: Mapping[str, float] = MappingProxyType({})
+    painted: Mapping[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def squares(self) -> np.ndarray:
+        """(E, K, SIZE, SIZE, 3) of the frames."""
+        return squeezed(self.frames)
 
 
 def pictures_of_each(num_episodes: int) -> int:
@@ -32,14 +38,14 @@ def pictures_of_each(num_episodes: int) -> int:
     return max(_FEWEST_PICTURES, _PICTURES // max(num_episodes, 1))
 
 
-def camera_films(seen: ObservationModel, frames: np.ndarray) -> list[CameraFilm]:
+def camera_films(observation: ObservationModel, frames: np.ndarray) -> list[CameraFilm]:
     """Each camera's, from (E, K, H, W, 3) frames that show all views side by side."""
-    each = apart(frames, [view.width(frames.shape[2]) for view in seen.views()])
-    footage = [camera.footage for camera in seen.cameras]
-    plates = [f.plate(its, its.shape[2:4]) for f, its in zip(footage, each, strict=True)]
+    each = apart(frames, [view.width(frames.shape[2]) for view in observation.views()])
+    footage = [camera.footage for camera in observation.cameras]
+    plates = [f.plate(film, film.shape[2:4]) for f, film in zip(footage, each, strict=True)]
     return [
-        CameraFilm(f.name, its, view, f.background == "recording")
-        for f, its, view in zip(footage, each, seen.views(plates), strict=True)
+        CameraFilm(f.name, film, view, f.background == "recording")
+        for f, film, view in zip(footage, each, observation.views(plates), strict=True)
     ]
 
 

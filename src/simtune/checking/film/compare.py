@@ -12,7 +12,7 @@ import numpy as np
 
 from simtune.checking.film.features import describe, likeness, moving_share
 from simtune.checking.film.framing import AS_IT_IS, FRAMINGS, Framing
-from simtune.checking.film.library import Library, brought_to_size
+from simtune.checking.film.library import Library
 
 _JUDGED_SIZES = (10, 6)  # worlds, and pictures of each, that are judged as if they were films
 _MIN_GAIN_FACTOR = 1.03  # in similarity, of another framing over the film's own
@@ -53,8 +53,7 @@ class Comparison:
 
 
 def compare(film: np.ndarray, library: Library) -> Comparison:
-    """Compare one camera's film, (E, K, H, W, 3) uint8 of E episodes, with a library."""
-    film = np.stack([brought_to_size(episode) for episode in film])
+    """Compare one camera's film, (E, K, SIZE, SIZE, 3) uint8 of E episodes, with a library."""
     usual = np.maximum(_own_likeness(library), 1e-3)
     found = [_best(film, framing, library).mean((1, 2)) for framing in FRAMINGS]
     best = int(np.argmax([f.sum() for f in found]))

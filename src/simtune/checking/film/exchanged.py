@@ -5,23 +5,23 @@ from itertools import combinations
 
 import numpy as np
 
+from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.features import Features, describe, likeness
-from simtune.checking.film.library import Library, brought_to_size
+from simtune.checking.film.library import Library
 
 _MIN_SIMILARITY_RATIO = 1.1  # of two films in each other's place to their own
 _MAX_ASPECT_FACTOR = 1.1  # between widths over heights: a lens makes 4:3 a little wider
 
 
-def exchanged(films: Sequence[np.ndarray], libraries: Sequence[Library]) -> dict[int, int]:
+def exchanged(films: Sequence[CameraFilm], libraries: Sequence[Library]) -> dict[int, int]:
     """{camera: whose film it seems to have instead}, both ways; a camera each.
 
-    Films are (E, K, H, W, 3) uint8. Those of another shape, wide or upright, are not tried in a
-    camera's place.
+    Films of another shape, wide or upright, are not tried in a camera's place.
     """
-    pictures = [describe(np.stack([brought_to_size(its) for its in film])) for film in films]
+    pictures = [describe(film.squares) for film in films]
     found: dict[int, int] = {}
     for i, j in combinations(range(len(films)), 2):
-        if not _are_of_one_shape(films[i], films[j]) or {i, j} & found.keys():
+        if not _are_of_one_shape(films[i].frames, films[j].frames) or {i, j} & found.keys():
             continue
         alike = np.array(
             [[_motion_alike(pictures[a], libraries[b]) for b in (i, j)] for a in (i, j)]

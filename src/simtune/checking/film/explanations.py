@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from simtune.checking.film.features import agreement, moving_roughly
 from simtune.checking.film.framing import AS_IT_IS, TURNS, Framing
-from simtune.checking.film.moments import agreement, moving_roughly
 
 _MIN_COSINE_GAIN = 0.09  # at its own moment over others: here nothing agrees by chance
 _POOR_SHARE = 0.5  # of what is usual among the worlds: more needs no explanation
@@ -57,8 +57,8 @@ class Worlds:
         if best:
             tied = _TIE_SHARE * best
             return AtOdds(
-                [its for its, alike in zip(TURNS, turns, strict=True) if alike > tied],
-                [its for its, alike in zip(signs, reversals, strict=True) if alike > tied],
+                [framing for framing, alike in zip(TURNS, turns, strict=True) if alike > tied],
+                [sign for sign, alike in zip(signs, reversals, strict=True) if alike > tied],
             )
         found = self._exchanged(shown, own)
         names = {episodes[i]: episodes[j] for i, j in found.items()}
@@ -95,7 +95,8 @@ class Worlds:
         if not found:
             return {}
         of_worlds = (
-            _exchanged(_table(its, self._but(w)), self._own(w)) for w, its in enumerate(self.moving)
+            _exchanged(_table(moving, self._but(w)), self._own(w))
+            for w, moving in enumerate(self.moving)
         )
         return {} if any(of_worlds) else found
 

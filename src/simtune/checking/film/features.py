@@ -1,7 +1,9 @@
 """Picture features that can be compared across colours, light and moments.
 
 They are the direction of edges, whatever is on either side (doubled angles of the structure tensor,
-as in Bigün and Granlund, 1987), and the pixels that differ from the static background.
+as in Bigün and Granlund, 1987), and the pixels that differ from the static background. Of what
+moves, it counts whether pictures agree at their own moments more than at others: symmetric scenes,
+and other things that move, are as alike at any moment.
 """
 
 from dataclasses import dataclass
@@ -9,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from simtune.cameras.pictures import resize
 from simtune.vision.smoothing import smoothed
 
 SIZE = 64  # side of the pictures compared, in pixels
@@ -24,6 +27,12 @@ class Features:
     edges: np.ndarray  # (n, D) float32
     moving: np.ndarray  # (n, D / 2) float32, from 0 to 1
     seen: np.ndarray  # (D / 2,) float32, 1 where the pictures show something
+
+
+def squeezed(frames: np.ndarray) -> np.ndarray:
+    """(..., H, W, 3) frames as squares of SIZE pixels."""
+    each = [resize(frame, (SIZE, SIZE)) for frame in frames.reshape(-1, *frames.shape[-3:])]
+    return np.stack(each).reshape(*frames.shape[:-3], SIZE, SIZE, 3)
 
 
 def describe(episodes: np.ndarray, seen: np.ndarray | None = None) -> Features:
@@ -62,6 +71,26 @@ def moving_share(episodes: np.ndarray) -> np.ndarray:
     everywhere = np.ones(episodes.shape[2:4], bool)
     smooth = (smoothed(pictures.astype(np.float32)) for pictures in episodes)
     return np.array([_moving(pictures, everywhere).mean() for pictures in smooth])
+
+
+def moving(episodes: np.ndarray) -> np.ndarray:
+    """(E, K, D) unit vectors, or 0: what moves in (E, K, SIZE, SIZE, 3)."""
+    return _units(describe(episodes).moving.reshape(*episodes.shape[:2], -1))
+
+
+def moving_roughly(episodes: np.ndarray) -> np.ndarray:
+    """(E, K, D) the same, blurred: of parts that may be some pixels elsewhere."""
+    halves = describe(episodes).moving.reshape(-1, SIZE // 4, 2, SIZE // 4, 2)
+    blurred = smoothed(halves.mean((2, 4))[..., None])
+    return _units(blurred.reshape(*episodes.shape[:2], -1))
+
+
+def agreement(shown: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """(E,) of (E, K, D) and (E, K, D): mean cosine at the same moments, less at others."""
+    alike = np.einsum("ekd,eld->ekl", shown, drawn)
+    same = np.einsum("ekk->e", alike)
+    num = shown.shape[1]
+    return same / num - (alike.sum((1, 2)) - same) / (num * (num - 1))
 
 
 def _edges(smooth: np.ndarray) -> np.ndarray:
@@ -107,6 +136,10 @@ def _seen_blocks(seen: np.ndarray) -> np.ndarray:
 def _flat(parts: list[np.ndarray]) -> np.ndarray:
     pictures = np.concatenate(parts)
     return pictures.reshape(len(pictures), -1).astype(np.float32)
+
+
+def _units(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-6)
 
 
 def _cosines(one: np.ndarray, other: np.ndarray, seen: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ _ROOM = '; where the room around, or a shadow, is not in the model, say backgrou
 _OR_A_SHADOW = "; or something else moves, such as a shadow"  # what stands still is the film's
 
 
-def warnings(
+def warnings_of_film(
     film: CameraFilm,
     comparison: Comparison,
     exchanged_with: str | None = None,
@@ -89,7 +89,7 @@ def _against_readings(turned: Turned) -> str:
 
 def _against_actions(odds: AtOdds) -> str:
     if odds.actions_of:
-        pairs = [f"in {its} it follows {other}'s" for its, other in odds.actions_of.items()]
+        pairs = [f"in {episode} it follows {other}'s" for episode, other in odds.actions_of.items()]
         return (
             "what moves does not follow its own episode's actions: "
             f"{', '.join(pairs)}; are files exchanged?"

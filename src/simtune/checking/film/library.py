@@ -1,13 +1,13 @@
 """Pictures of a simulator's worlds, for comparison with a film."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from simtune.cameras.pictures import resize
 from simtune.cameras.views import apart
-from simtune.checking.film.camera_film import MOST_STEPS
-from simtune.checking.film.features import SIZE, Features, describe
+from simtune.checking.film.camera_film import MOST_FILMED_STEPS
+from simtune.checking.film.features import SIZE, Features, describe, squeezed
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
@@ -37,18 +37,17 @@ def make_libraries(simulator: Simulator, actions: np.ndarray, seed: int) -> list
     """
     rng, space = stream(seed, Purpose.LIBRARY), simulator.space
     worlds = Distribution.first(space, space.nominal).sample(_WORLDS, rng)
-    played = actions[np.arange(_WORLDS) % len(actions), :MOST_STEPS].astype(float)
+    played = actions[np.arange(_WORLDS) % len(actions), :MOST_FILMED_STEPS].astype(float)
     rollouts = simulator.roll_out(worlds, played, rng)
     if len(rollouts) < _FEWEST_WORLDS:
         return []
     states = rollouts.states[:, np.linspace(0, played.shape[1], _PICTURES).astype(int)]
     parameters = np.repeat(rollouts.parameters, _PICTURES, 0)
     frames = simulator.render(states.reshape(len(parameters), -1), parameters)
-    views = [brought_to_size(view) for view in apart(frames, simulator.widths)]
-    views = [view.reshape(*states.shape[:2], *view.shape[1:]) for view in views]
+    views = squares(frames, simulator.widths, states.shape[:2])
     return [Library(states, view, describe(view)) for view in views]
 
 
-def brought_to_size(frames: np.ndarray) -> np.ndarray:
-    """(n, H, W, 3) frames as squares of SIZE pixels, squeezed."""
-    return np.stack([resize(frame, (SIZE, SIZE)) for frame in frames])
+def squares(pictures: np.ndarray, widths: Sequence[int], shape: Sequence[int]) -> list[np.ndarray]:
+    """Each view's (*shape, SIZE, SIZE, 3), of (n, H, W₁ + W₂ + …, 3) pictures of all."""
+    return [squeezed(view).reshape(*shape, SIZE, SIZE, 3) for view in apart(pictures, widths)]

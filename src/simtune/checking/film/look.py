@@ -1,18 +1,19 @@
 """Looks at what each camera filmed, beside the simulator's pictures."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from simtune.budget import Budget, OutOfTime
+from simtune.budget import NO_LIMIT, Budget, OutOfTime
 from simtune.checking.film.as_read import AsRead
 from simtune.checking.film.at_odds import at_odds
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import Comparison, compare
 from simtune.checking.film.exchanged import exchanged
 from simtune.checking.film.explanations import AtOdds
-from simtune.checking.film.film_warnings import warnings
+from simtune.checking.film.film_warnings import warnings_of_film
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.painted import hidden_background, painted_over
 from simtune.checking.film.resting import in_words, resting_parts
@@ -64,7 +65,7 @@ def look_at(
     seed: int,
     as_read: AsRead | None = None,
     recorded: Mapping[str, np.ndarray] | None = None,
-    budget: Budget | None = None,
+    budget: Budget = NO_LIMIT,
 ) -> list[Look]:
     """At each film, whose episodes play these (E, T, A) actions; empty if most worlds diverge.
 
@@ -72,7 +73,6 @@ def look_at(
     episodes by name, the films' first; without them, films are not compared moment by moment.
     `budget`: for that comparison; a warning says if it was left out.
     """
-    budget = budget or Budget()
     budget.report("drawing worlds of the simulator")
     libraries = make_libraries(simulator, actions[: len(films[0].frames)], seed)
     if not libraries:
@@ -94,7 +94,7 @@ def look_at(
     return looks
 
 
-def warnings_of(looks: Sequence[Look]) -> list[str]:
+def named_warnings(looks: Sequence[Look]) -> list[str]:
     """Of all cameras, which are named if there are several."""
     named = [(f"camera {look.film.name}: " * (len(looks) > 1), look) for look in looks]
     return [f"{whose}{warning}" for whose, look in named for warning in look.warnings]
@@ -104,11 +104,11 @@ def _look_at_one(
     number: int, film: CameraFilm, library: Library, simulator: Simulator, why: Why
 ) -> Look:
     """At the film of one camera, the simulator's view `number`."""
-    comparison = compare(film.frames, library)
+    comparison = compare(film.squares, library)
     states = library.states.reshape(-1, library.states.shape[-1])
-    film = film._replace(painted=painted_over(simulator, states, number))
+    film = replace(film, painted=painted_over(simulator, states, number))
     moves = camera_moves(simulator.model, film.view.camera)
-    warned = warnings(film, comparison, *why, camera_moves=moves)
+    warned = warnings_of_film(film, comparison, *why, camera_moves=moves)
     if why.other is None and (rest := resting_parts(simulator, library, number)):
         warned.append(in_words(rest))
     hidden = hidden_background(film.painted) if film.is_plate else []
@@ -117,7 +117,7 @@ def _look_at_one(
 
 def _exchanged(films: list[CameraFilm], libraries: list[Library]) -> dict[str, str]:
     """{camera: whose film it seems to have instead}."""
-    pairs = exchanged([film.frames for film in films], libraries)
+    pairs = exchanged(films, libraries)
     return {films[i].name: films[j].name for i, j in pairs.items()}
 
 
@@ -125,7 +125,7 @@ def _turned(
     films: list[CameraFilm], simulator: Simulator, as_read: AsRead | None
 ) -> dict[str, Turned]:
     """{still camera: how its film is turned}, as far as readings say so."""
-    still = {i: films[i].frames for i in _still(films, simulator)}
+    still = {i: films[i].squares for i in _still(films, simulator)}
     if as_read is None or not as_read.joints or not still:
         return {}
     return {films[i].name: turn for i, turn in turned(still, as_read).items()}
@@ -140,12 +140,12 @@ def _at_odds(
     budget: Budget,
 ) -> dict[str, AtOdds]:
     """{still camera: what explains its film beside its actions}, `but` those explained already."""
-    its = {i: films[i].frames for i in _still(films, simulator) if films[i].name not in but}
-    if not recorded or not its:
+    still = {i: films[i].squares for i in _still(films, simulator) if films[i].name not in but}
+    if not recorded or not still:
         return {}
     names = [*recorded][: len(films[0].frames)]
     actions = {name: recorded[name] for name in names}
-    found = at_odds(its, simulator, actions, seed, budget)
+    found = at_odds(still, simulator, actions, seed, budget)
     return {films[i].name: odd for i, odd in found.items()}
 
 

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simtune.cameras.views import apart
-from simtune.checking.film.camera_film import MOST_STEPS
-from simtune.checking.film.library import brought_to_size
+from simtune.checking.film.camera_film import MOST_FILMED_STEPS
+from simtune.checking.film.library import squares
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
@@ -21,10 +20,10 @@ class Played:
     def __init__(self, simulator: Simulator, episodes: Sequence[np.ndarray], seed: int):
         """`episodes`: (T, A) actions of each; T may differ."""
         self._simulator, num = simulator, len(episodes)
-        self._lengths = np.array([min(len(actions), MOST_STEPS) for actions in episodes])
+        self._lengths = np.array([min(len(actions), MOST_FILMED_STEPS) for actions in episodes])
         longest = int(self._lengths.max())
         held = [np.minimum(np.arange(longest), length - 1) for length in self._lengths]
-        actions = [its[at].astype(float) for its, at in zip(episodes, held, strict=True)]
+        actions = [taken[at].astype(float) for taken, at in zip(episodes, held, strict=True)]
         rng, space = stream(seed, Purpose.PLAYED_ACTIONS), simulator.space
         worlds = Distribution.first(space, space.nominal).sample(_WORLDS, rng)
         rollouts = simulator.roll_out(worlds.repeat(num, 0), np.tile(actions, (_WORLDS, 1, 1)), rng)
@@ -51,5 +50,4 @@ class Played:
         drawn = self._simulator.render(
             states.reshape(-1, states.shape[-1]), parameters.reshape(-1, parameters.shape[-1])
         )
-        views = [brought_to_size(view) for view in apart(drawn, self._simulator.widths)]
-        return [view.reshape(*states.shape[:3], *view.shape[1:]) for view in views]
+        return squares(drawn, self._simulator.widths, states.shape[:3])

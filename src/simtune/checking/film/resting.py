@@ -7,8 +7,8 @@ import numpy as np
 from simtune.before_after.moving_parts import part_name
 from simtune.cameras.views import parts
 from simtune.checking.extents import corners_px
-from simtune.checking.film.features import SIZE, describe
-from simtune.checking.film.library import Library, brought_to_size
+from simtune.checking.film.features import SIZE, describe, squeezed
+from simtune.checking.film.library import Library
 from simtune.simulation import Simulator
 
 _AT_REST_PX = 2.0  # of SIZE: all corners of a part are so near to where they usually are
@@ -33,7 +33,7 @@ def resting_parts(simulator: Simulator, library: Library, view: int) -> list[str
         array[worlds][:, pictures].reshape(-1, *array.shape[2:])
         for array in (library.states, library.frames)
     )
-    still = brought_to_size(plate[None])[0]
+    still = squeezed(plate)
     found = []
     for name, corners in _corners_px(simulator, states, view).items():
         away = np.abs(corners - np.median(corners, 0)).max((1, 2))

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from simtune.checking.film.as_read import AsRead
+from simtune.checking.film.features import agreement, moving
 from simtune.checking.film.framing import TURNS, Framing
-from simtune.checking.film.library import brought_to_size
-from simtune.checking.film.moments import agreement, moving
 
 _LATE_STEPS = range(-2, 4)  # by which pictures may be late beside readings: any is right
 _MIN_COSINE_GAIN = 0.1  # at its own moment over others: here nothing agrees by chance
@@ -38,7 +37,7 @@ class Turned:
 
 
 def turned(films: Mapping[int, np.ndarray], as_read: AsRead) -> dict[int, Turned]:
-    """How (E, K, H, W, 3) films are turned, {number of the view: film}, where that is clear.
+    """How (E, K, SIZE, SIZE, 3) films are turned, {number of the view: film}, where that is clear.
 
     `as_read`: the same episodes.
     """
@@ -46,7 +45,7 @@ def turned(films: Mapping[int, np.ndarray], as_read: AsRead) -> dict[int, Turned
     views = [as_read.draw(num, late) for late in _LATE_STEPS]
     found = dict[int, Turned]()
     for view, film in films.items():
-        drawn = [moving(its[view]) for its in views]
+        drawn = [moving(drawings[view]) for drawings in views]
         if turn := _turned(film, view, drawn, as_read):
             found[view] = turn
     return found
@@ -54,17 +53,16 @@ def turned(films: Mapping[int, np.ndarray], as_read: AsRead) -> dict[int, Turned
 
 def _turned(film: np.ndarray, view: int, drawn: list[np.ndarray], as_read: AsRead) -> Turned | None:
     """`drawn`: what moves in a view, for each lateness."""
-    small = np.stack([brought_to_size(episode) for episode in film])
-    shown = moving(small)
+    shown = moving(film)
     own, _ = _best(shown, drawn)
-    alike = [_best(moving(framing.undo(small)[0]), drawn) for framing in TURNS]
-    best = int(np.argmax([its.mean() for its, _ in alike]))
-    its, late = alike[best]
-    if its.mean() < max(_MIN_COSINE_GAIN, _MIN_RATIO * own.mean()) or (its <= own).any():
+    alike = [_best(moving(framing.undo(film)[0]), drawn) for framing in TURNS]
+    best = int(np.argmax([agreed.mean() for agreed, _ in alike]))
+    agreed, late = alike[best]
+    if agreed.mean() < max(_MIN_COSINE_GAIN, _MIN_RATIO * own.mean()) or (agreed <= own).any():
         return None
     pairs = zip(TURNS, alike, strict=True)
-    found = [framing for framing, (one, _) in pairs if one.mean() > _TIE_SHARE * its.mean()]
-    other = _OtherReadings(shown, view, as_read, _LATE_STEPS[late], _OTHERS_SHARE * its.mean())
+    found = [framing for framing, (one, _) in pairs if one.mean() > _TIE_SHARE * agreed.mean()]
+    other = _OtherReadings(shown, view, as_read, _LATE_STEPS[late], _OTHERS_SHARE * agreed.mean())
     could_turn = any(not framing.is_mirrored for framing in found)
     return Turned(found, other.signs(), other.zero() if could_turn else None)
 
@@ -83,7 +81,7 @@ class _OtherReadings:
         """Names of one or two joints with the other sign; or none."""
         names, changed = list[str](), dict[int, tuple[float, float]]()
         for _ in range(2):
-            joints = [its for its in self.as_read.joints if its[1] not in changed]
+            joints = [joint for joint in self.as_read.joints if joint[1] not in changed]
             tried = [(self._alike({**changed, at: (-1.0, 0.0)}), name, at) for name, at in joints]
             if not tried:
                 break
@@ -95,7 +93,7 @@ class _OtherReadings:
 
     def zero(self) -> str | None:
         """A hinge whose zero may be a quarter or half a turn away."""
-        hinges = [its for its in self.as_read.joints if self.as_read.is_hinge(its[1])]
+        hinges = [joint for joint in self.as_read.joints if self.as_read.is_hinge(joint[1])]
         tried = [
             (self._alike({at: (1.0, turn)}), name)
             for name, at in hinges
@@ -113,5 +111,5 @@ class _OtherReadings:
 def _best(shown: np.ndarray, drawn: list[np.ndarray]) -> tuple[np.ndarray, int]:
     """(E,) agreement at the delay at which it is largest, and that delay's index."""
     found = [agreement(shown, late) for late in drawn]
-    best = int(np.argmax([its.mean() for its in found]))
+    best = int(np.argmax([agreed.mean() for agreed in found]))
     return found[best], best

@@ -1,1 +1,1 @@
-"""Mistakes in recordings of joints that no servo moves."""
+"""Mistakes in recordings: signs, columns, units, zeros and lengths that are not the model's."""

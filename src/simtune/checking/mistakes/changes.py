@@ -7,7 +7,7 @@ import numpy as np
 
 from simtune.checking.servos.commands import servos_of
 from simtune.fit import Readings
-from simtune.observation import JointSensor, ObservationModel, columns_of, joints_of
+from simtune.observation import JointSensor, ObservationModel, columns_of
 from simtune.simulation import Simulator
 from simtune.simulation.other_actions import exchanged, other_actions, pairs
 from simtune.units import OTHER_UNITS
@@ -42,7 +42,7 @@ class Change(NamedTuple):
 
 def changes(simulator: Simulator, observation: ObservationModel) -> list[Change]:
     """All that are tried. Not of joints whose servos' commands say more."""
-    sensors = joints_of(observation.sensors)
+    sensors = observation.sensors
     columns, num_actions = columns_of(sensors), simulator.num_actions
     num, names = len(columns), [sensor.joints[column] for sensor, column in columns]
     each, all_actions = np.arange(num), np.arange(num_actions)
@@ -53,7 +53,7 @@ def changes(simulator: Simulator, observation: ObservationModel) -> list[Change]
         for column, (sensor, _) in enumerate(columns)
         if servos[column] is None and not sensor.is_velocity
     ]
-    found = [same._replace(**its._asdict()) for its in other_actions(simulator)]
+    found = [same._replace(**action._asdict()) for action in other_actions(simulator)]
     for column in free:
         is_its = np.array([name == names[column] for name in names])  # its velocity's, too
         says = f"{names[column]} seems to be read with a reversed sign"
@@ -62,22 +62,22 @@ def changes(simulator: Simulator, observation: ObservationModel) -> list[Change]
         says = f"the columns of {names[one]} and {names[other]} seem to be exchanged"
         found.append(same._replace(says=says, read=exchanged(same.read, one, other)))
     for sensor in {columns[column][0].name: columns[column][0] for column in free}.values():
-        found += _other_units(same, sensor, np.array([its is sensor for its, _ in columns]))
+        found += _other_units(same, sensor, np.array([other is sensor for other, _ in columns]))
     for column in free:
         if columns[column][0].unit == "rad":
             found += _other_zeros(same, column, names[column], columns[column][0].name)
     return found
 
 
-def _other_units(same: Change, sensor: JointSensor, its: np.ndarray) -> Iterator[Change]:
+def _other_units(same: Change, sensor: JointSensor, is_its: np.ndarray) -> Iterator[Change]:
     """Of a sensor's columns, (D,) bool: degrees or mm, or not these."""
     factor, other, key = OTHER_UNITS[sensor.unit]
     if (sensor.factor == 1).all():
         says = f'sensor {sensor.name} seems to say {other} (unit = "{key}")'
-        yield same._replace(says=says, factor=np.where(its, 1 / factor, 1.0))
+        yield same._replace(says=says, factor=np.where(is_its, 1 / factor, 1.0))
     elif np.allclose(sensor.factor, factor):
         says = f"sensor {sensor.name} seems to say {sensor.unit}, not {other}"
-        yield same._replace(says=says, factor=np.where(its, factor, 1.0))
+        yield same._replace(says=says, factor=np.where(is_its, factor, 1.0))
 
 
 def _other_zeros(same: Change, column: int, joint: str, sensor: str) -> Iterator[Change]:

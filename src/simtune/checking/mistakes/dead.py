@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from simtune.checking.servos.doubt import Doubt, grouped
+from simtune.checking.doubt import Doubt, grouped
 from simtune.fit import Readings
 from simtune.observation import JointSensor, by_column
 from simtune.simulation import Simulator
@@ -23,8 +23,8 @@ def dead_encoders(
     change.
     """
     pushed, found = _pushed(readings.actions, simulator), []
-    for sensor, column, its in by_column(sensors, readings.values):
-        joint, known = sensor.joints[column], its[np.isfinite(its)]
+    for sensor, column, read in by_column(sensors, readings.values):
+        joint, known = sensor.joints[column], read[np.isfinite(read)]
         is_long = len(known) * simulator.step_s >= _MIN_READ_S
         if joint not in pushed or not is_long or np.ptp(known) > 0:
             continue

@@ -51,13 +51,9 @@ class Explained:
         scale = np.broadcast_to(self.scale, change.factor.shape)[change.read] * change.factor
         return Explained(self.replays, change.of(self.readings), left, found, scale)
 
-    def in_words(self) -> str:
-        """Each change, and what may be meant instead if nothing else says that."""
-        return in_words(self.found)
-
 
 def in_words(found: Mapping[str, Found]) -> str:
-    """Of changes by what they say."""
+    """Each change by what it says, and what may be meant instead if nothing else says that."""
     told = []
     for says, (zero, others) in found.items():
         instead = [other for other in others if other not in found]

@@ -10,30 +10,27 @@ actions that do less, or more.
 """
 
 import math
-import time
-from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
-from simtune.budget import Budget
+from simtune.budget import Budget, timed
 from simtune.checking.mistakes.changes import NEARBY, Change, changes
 from simtune.checking.mistakes.dead import dead_encoders
-from simtune.checking.mistakes.explained import Explained
+from simtune.checking.mistakes.explained import Explained, in_words
 from simtune.checking.mistakes.short_replays import (
     FEW_PIECES,
     PIECE_S,
     SIZES_TRIED,
     ShortReplays,
 )
+from simtune.checking.sensitivity.parameters import where_analyzed
+from simtune.checking.sensitivity.reading_changes import LONGEST_S
 from simtune.fit import Readings, recorded_loop, where_starts_show
-from simtune.fit.readings.sensitivity import LONGEST_S, MOST_EPISODES
-from simtune.fit.sensitivity import where_analyzed
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel
 from simtune.simulation import Simulator
 from simtune.simulation.servos import motors
-
-T = TypeVar("T")
+from simtune.tuning.pace import MOST_REPLAYED
 
 MOST_S = 60.0
 _MOST_MISTAKES = 3
@@ -56,23 +53,23 @@ def misread(
     follow servos, or where a robot begins anywhere and no sensor says so. What would take more
     than `most_s` seconds in all is not tried.
     """
-    if dead := dead_encoders(readings, simulator, joints_of(observation.sensors)):
+    if dead := dead_encoders(readings, simulator, observation.sensors):
         return dead  # what is replayed from these says nothing
     if not (tried := changes(simulator, observation)):
         return []
     budget = Budget(most_s)
     nominal, steps = where_analyzed(simulator.space), round(LONGEST_S / simulator.step_s)
-    loop, few = recorded_loop(simulator, observation, nominal, readings), slice(MOST_EPISODES)
-    readings = Readings(readings.actions[few, :steps], readings.values[few, : steps + 1])
+    loop = recorded_loop(simulator, observation, nominal, readings)
+    readings = readings.first(steps, MOST_REPLAYED)
     replays = ShortReplays(loop, simulator.space.to_unit(nominal))
     if where_starts_show(loop, readings, replays.unit).unseen:
         return []
     if loop.measured.bases:  # which stand: no zero is so far off that they lie or hang
         tried = [change for change in tried if (np.abs(change.shift) < _LYING_RAD).all()]
-    first, each_s = _timed(lambda: Explained(replays, readings, replays.left(readings)))
+    each_s, first = timed(lambda: Explained(replays, readings, replays.left(readings)))
     if first.left <= _WELL_EXPLAINED or SIZES_TRIED * each_s > budget.seconds_left:
         return []
-    _, few_s = _timed(lambda: replays.left(readings, FEW_PIECES))
+    few_s, _ = timed(lambda: replays.left(readings, FEW_PIECES))
     trying = Trying(budget, each_s, few_s)
     explained = _explained(first, trying.affordable(tried), trying)
     if explained is None:
@@ -80,14 +77,8 @@ def misread(
     if not explained.found or explained.left > _ALL_CHANGES_RATIO * first.left_at_best_size:
         return _unexplained(first, simulator)
     nearer = f"{math.sqrt(first.left_at_best_size / explained.left):.2g} times as near"
-    says = explained.in_words()
+    says = in_words(explained.found)
     return [f"{says}: then replays of {PIECE_S:g} s end {nearer} to what was read"]
-
-
-def _timed(work: Callable[[], T]) -> tuple[T, float]:
-    """What it gives, and the seconds that it took."""
-    began_s = time.monotonic()
-    return work(), time.monotonic() - began_s
 
 
 class Trying(NamedTuple):

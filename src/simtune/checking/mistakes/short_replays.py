@@ -7,9 +7,8 @@ import numpy as np
 
 from simtune.checking.mistakes.changes import Change
 from simtune.fit import OpenLoopReplay, Readings
-from simtune.fit.readings.read_states import ReadStates
-from simtune.fit.readings.segments import Segments
-from simtune.fit.readings.stretches import Stretches, filled, velocities
+from simtune.fit.readings.readings import filled, velocities
+from simtune.fit.readings.segments import ReadStates, Segments, Stretches
 from simtune.observation import assumed_noise
 
 PIECE_S = 0.25
@@ -47,14 +46,14 @@ class ShortReplays(NamedTuple):
 
     def likely(self, readings: Readings, tried: Sequence[Change], num: int) -> list[Change]:
         """The changes that leave least of a few pieces."""
-        return sorted(tried, key=lambda its: self.left(its.of(readings), FEW_PIECES))[:num]
+        return sorted(tried, key=lambda change: self.left(change.of(readings), FEW_PIECES))[:num]
 
     def best(self, readings: Readings, tried: Sequence[Change]) -> tuple[float, Change, list[str]]:
         """How much the change leaves that leaves least, itself, and what as good ones say."""
         each = [(self.left(change.of(readings)), change) for change in tried]
         least, best = min(each, key=lambda one: one[0])
         near = _RIVAL_LEFT_RATIO * least
-        as_good = [its.says for left, its in each if left < near and not its.shift.any()]
+        as_good = [change.says for left, change in each if left < near and not change.shift.any()]
         return least, best, [*dict.fromkeys([best.says, *as_good])]
 
     def left_at_best_size(self, readings: Readings, left: float) -> float:
@@ -84,7 +83,7 @@ class ShortReplays(NamedTuple):
         """With what no sensor measures as it goes along with the joints read before: wheels that
         roll, under a base at rest, would skid.
         """
-        read = self.loop.states_of(readings, self.unit, np.zeros(readings.values.shape[-1]))
+        read = self.loop.states_of(readings, self.unit)
         pieces = read.cut(segments)
         if not self.loop.measured.goes_on.any():
             return pieces
@@ -107,8 +106,8 @@ class ShortReplays(NamedTuple):
         pieces = self._pieces(readings, Segments.evenly(readings, self._steps, num_pieces))
         played = self.loop.play(pieces, pieces.states[None], self.unit[None])[0][0]
         moved, left = (
-            np.nansum(np.square(np.minimum(np.abs(its - pieces.values), _LOST_DEVIATION)), (0, 1))
-            for its in (_uniform(pieces.values), played)
+            np.nansum(np.square(np.minimum(np.abs(ends - pieces.values), _LOST_DEVIATION)), (0, 1))
+            for ends in (_uniform(pieces.values), played)
         )
         shares = np.minimum(left[moved > 0] / moved[moved > 0], _MAX_LEFT)
         return float(shares.mean()) if len(shares) else 0.0

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from simtune.fit.readings.stretches import filled
+from simtune.fit.readings.readings import filled
 from simtune.observation import JointSensor, columns_of
 from simtune.simulation import Simulator
 from simtune.simulation.servos import (
@@ -62,7 +62,7 @@ def commanded_spans(simulator: Simulator, actions: Sequence[np.ndarray]) -> dict
 
     Empty for actions that displace joints from where they are.
     """
-    servos = {name: its for name, its in _by_joint(simulator).items() if not its.of_speed}
+    servos = {name: servo for name, servo in _by_joint(simulator).items() if not servo.of_speed}
     if simulator.action_mapping.is_relative or not servos:
         return {}
     batch, together = Batch(simulator.model, _CHUNK), np.concatenate(list(actions))

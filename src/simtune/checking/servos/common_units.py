@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simtune.checking.servos.fit import travel
+from simtune.checking.servos.fit import usual_travel
 from simtune.checking.servos.following import Watched
 from simtune.observation import JointSensor
 from simtune.units import OTHER_UNITS
@@ -24,8 +24,8 @@ def common_scales(
     """For each of D readings how many times too large its sensor's are; None unless all say so."""
     found: list[float | None] = []
     for sensor in sensors:
-        its = joints[len(found) : len(found) + sensor.size]
-        found += [_common_scale([joint for joint in its if joint])] * sensor.size
+        own = joints[len(found) : len(found) + sensor.size]
+        found += [_common_scale([joint for joint in own if joint])] * sensor.size
     return found
 
 
@@ -34,8 +34,8 @@ def _common_scale(joints: Sequence[Watched]) -> float | None:
     units = {joint.unit for joint in joints}
     if len(joints) < _FEWEST_JOINTS or len(units) > 1 or not units <= OTHER_UNITS.keys():
         return None
-    asked = np.array([travel(joint.commands) for joint in joints])
-    moved = np.array([travel(joint.measured) for joint in joints])
+    asked = np.array([usual_travel(joint.commands) for joint in joints])
+    moved = np.array([usual_travel(joint.measured) for joint in joints])
     asks = np.isfinite(moved) & (asked > 0)
     if asks.sum() < _FEWEST_JOINTS:
         return None

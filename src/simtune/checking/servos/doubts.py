@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simtune.checking.servos.doubt import Doubt
-from simtune.checking.servos.fit import ServoResponse, delayed_by, predict, travel
+from simtune.checking.doubt import Doubt
+from simtune.checking.servos.fit import ServoResponse, delayed_by, predict, usual_travel
 from simtune.checking.servos.following import (
     HARDLY,
     Following,
@@ -93,7 +93,7 @@ def misread_by(unit: str, following: Following) -> float | None:
 def of_common_scale(joint: Watched, scale: float) -> Doubt:
     """On a joint whose sensor's readings are all so many times too large."""
     factor, other, key = OTHER_UNITS[joint.unit]
-    moved = travel(joint.measured) / travel(joint.commands)
+    moved = usual_travel(joint.measured) / usual_travel(joint.commands)
     says = f"moves {moved:.3g} times as far as its command, and so do this sensor's other joints"
     if scale == factor:
         return _doubt(joint, says, _in_unit(other, key))

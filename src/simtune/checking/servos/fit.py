@@ -45,7 +45,7 @@ def fit_servo(commands: Episodes, measured: Episodes, step_s: float) -> ServoRes
 
     NaN for what its command cannot tell, such as the delay of a constant one.
     """
-    moved, commanded = travel(measured), travel(commands)
+    moved, commanded = usual_travel(measured), usual_travel(commands)
     noise = roughness(measured)
     if not commanded > 0 or not np.isfinite(moved):
         unknown = dict.fromkeys(ServoResponse.__annotations__, np.nan)
@@ -112,7 +112,7 @@ def _longest_lag(step_s: float) -> float:
 
 def _offset_and_rms(commands: Episodes, measured: Episodes, lag: float) -> tuple[float, float]:
     pairs = zip(commands, measured, strict=True)
-    away = np.concatenate([its[: len(c)] - delayed_by(c, lag) for c, its in pairs])
+    away = np.concatenate([read[: len(c)] - delayed_by(c, lag) for c, read in pairs])
     return float(np.nanmean(away)), float(np.nanstd(away))
 
 
@@ -155,7 +155,7 @@ def lowest(
     return float(grid[int(np.argmin([cost(float(x)) for x in grid]))])
 
 
-def travel(episodes: Episodes) -> float:
+def usual_travel(episodes: Episodes) -> float:
     """How far values go, but for a hundredth to either side; NaN if there are none."""
     values = np.concatenate(list(episodes))
     if not np.isfinite(values).any():

@@ -75,8 +75,8 @@ def follows(joint: Watched, servo: ServoResponse) -> Following:
         (xx, xy), (_, yy) = np.cov(x, y[known])
         if xx > 0 and yy > 0:
             found.append((float(xy / np.sqrt(xx * yy)), float(xy / xx)))
-    correlation, slope = max(found, key=lambda its: abs(its[0]))
-    opposite = max(0.0, *(-its * np.sign(correlation) for its, _ in found))
+    correlation, slope = max(found, key=lambda one: abs(one[0]))
+    opposite = max(0.0, *(-other * np.sign(correlation) for other, _ in found))
     return Following(correlation, slope, float(opposite))
 
 

@@ -19,8 +19,8 @@ def gains_to_write(sensors: Sequence[JointSensor], misread_by: Sequence[float | 
         is_unclear = len(known) < sensor.size and len(sizes) > 1
         if all(factor > 0 for factor in known) or is_unclear or sensor.shift.any():
             continue
-        its = np.array([max(sizes) if f is None else f for f in misread_by[start:end]])
-        gains = [f"{gain:.4g}" for gain in 1 / (sensor.factor * its)]
+        factors = np.array([max(sizes) if f is None else f for f in misread_by[start:end]])
+        gains = [f"{gain:.4g}" for gain in 1 / (sensor.factor * factors)]
         line = gains[0] if len(set(gains)) == 1 else f"[{', '.join(gains)}]"
         found.append(
             f"if it is not the actions, write gain = {line} for sensor {sensor.name}, in place of "

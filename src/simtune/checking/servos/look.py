@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
+from simtune.checking.doubt import Doubt
 from simtune.checking.servos.common_units import common_scales
-from simtune.checking.servos.doubt import Doubt
 from simtune.checking.servos.doubts import (
     EXCHANGED,
     WEAK,
@@ -54,12 +54,12 @@ def look_at_all(
         if joint is None or mended is None:
             seen.append(None)
             continue
-        its = look_at(mended, others)
+        look = look_at(mended, others)
         if scale:
-            as_read, by = look_at(joint), its.misread_by
-            told = [of_common_scale(joint, scale), *its.doubts]
-            its = as_read._replace(doubts=told, misread_by=None if by is None else scale * by)
-        seen.append(its)
+            as_read, by = look_at(joint), look.misread_by
+            told = [of_common_scale(joint, scale), *look.doubts]
+            look = as_read._replace(doubts=told, misread_by=None if by is None else scale * by)
+        seen.append(look)
     return _without_partners(joints, seen)
 
 
@@ -67,12 +67,12 @@ def _without_partners(
     joints: Sequence[Watched | None], seen: Sequence[SeenJoint | None]
 ) -> list[SeenJoint | None]:
     """Joints whose column another one seems to have are not said to be weak as well."""
-    partners = {doubt.partner for its in seen if its for doubt in its.doubts}
+    partners = {doubt.partner for look in seen if look for doubt in look.doubts}
     return [
-        its._replace(doubts=[doubt for doubt in its.doubts if doubt.kind != WEAK])
-        if its and joint and joint.name in partners
-        else its
-        for joint, its in zip(joints, seen, strict=True)
+        look._replace(doubts=[doubt for doubt in look.doubts if doubt.kind != WEAK])
+        if look and joint and joint.name in partners
+        else look
+        for joint, look in zip(joints, seen, strict=True)
     ]
 
 

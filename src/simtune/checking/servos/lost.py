@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from simtune.checking.servos.doubt import Doubt, grouped
+from simtune.checking.doubt import Doubt, grouped
 from simtune.checking.servos.fit import Episodes
 from simtune.columns import episode_in_words
 
@@ -22,7 +22,7 @@ def missing(
 ) -> list[str]:
     """On (E, T + 1, D) readings, in episodes of these numbers of steps, and with these names."""
     known = [np.isfinite(read[: n + 1]).T for read, n in zip(values, lengths, strict=True)]
-    shares = np.array([[_missing(is_read) for is_read in its] for its in known])  # (E, D)
+    shares = np.array([[_missing(is_read) for is_read in rows] for rows in known])  # (E, D)
     found = []
     for label, of_episodes in zip(labels, shares.T, strict=True):
         if (most := of_episodes.max()) > _MAX_MISSING_SHARE:
@@ -64,7 +64,7 @@ def without_lost_packets(
     if not (num := sum(map(np.sum, lost))):
         return list(measured), []
     away = [np.where(out, np.abs(read - low), 0) for out, read in zip(lost, measured, strict=True)]
-    episode = int(np.argmax([its.max() for its in away]))
+    episode = int(np.argmax([distances.max() for distances in away]))
     step = int(away[episode].argmax())
     of_several = f" (one of {num} such readings)" if num > 1 else ""
     kept = [np.where(out, np.nan, read) for out, read in zip(lost, measured, strict=True)]

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from simtune.checking.servos.fit import ServoResponse
-from simtune.checking.servos.table import small
+from simtune.checking.servos.table import in_thousandths
 
 _COLUMNS, _MAX_JOINTS = 2, 16  # side by side, and in all
 _WIDTH_IN, _ROW_IN, _MARGIN_IN = 11.0, 1.9, 0.9
@@ -44,7 +44,7 @@ def draw_servos(path: Path, name: str, curves: Mapping[str, Curve], step_s: floa
             style = "--" if colour == _LAG else "-"
             seconds = step_s * np.arange(len(values))
             axes.plot(seconds, values, style, color=colour, linewidth=1.1, label=says)
-        left = small(curve.servo.filtered_rms, curve.unit)
+        left = in_thousandths(curve.servo.filtered_rms, curve.unit)
         axes.set_title(f"{joint}, {curve.unit}: {left} left", fontsize=9, color=_INK, loc="left")
         axes.tick_params(labelsize=7, colors=_INK)
         axes.spines[["top", "right"]].set_visible(False)

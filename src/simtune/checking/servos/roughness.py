@@ -33,11 +33,11 @@ def roughness(episodes: Sequence[np.ndarray]) -> float:
     """
     known = [np.flatnonzero(np.isfinite(values)) for values in episodes]
     read = [(rows, values[rows]) for rows, values in zip(known, episodes, strict=True)]
-    values = np.concatenate([its for _, its in read])
+    values = np.concatenate([known_values for _, known_values in read])
     travel = float(np.ptp(values)) if len(values) else 0.0
     if not travel > 0:
         return math.nan
-    changes = np.abs(np.concatenate([np.diff(its) for _, its in read]))
+    changes = np.abs(np.concatenate([np.diff(known_values) for _, known_values in read]))
     finest = _MIN_RESOLUTION_SHARE * travel
     step = changes[changes > finest].min(initial=travel)
     rows = _rows_of_a_reading(read, finest)
@@ -52,7 +52,7 @@ def roughness(episodes: Sequence[np.ndarray]) -> float:
 def _rows_of_a_reading(read: _Read, finest: float) -> int:
     """Of n rows with one reading all but one go on level, if held, or straight, if interpolated."""
     sizes = [_sizes(read, order) for order in (1, 2)]
-    own = min((np.mean(its > finest) for its in sizes if len(its)), default=1.0)
+    own = min((np.mean(size > finest) for size in sizes if len(size)), default=1.0)
     return math.ceil(min(1 / max(own, 1e-9) - _REPEATED_BY_CHANCE, _MOST_ROWS))
 
 
@@ -66,7 +66,7 @@ def _of_every(num: int, read: _Read) -> tuple[float, float]:
 def _by_order(read: _Read) -> tuple[float, float]:
     """By the two orders of differences that leave least; infinite if no readings are left."""
     sizes = (_sizes(read, order) for order in _DIFFERENCE_ORDERS)
-    found = [float(MAD_TO_STD * np.median(its)) for its in sizes if len(its)]
+    found = [float(MAD_TO_STD * np.median(size)) for size in sizes if len(size)]
     least, next_least, *_ = sorted([*found, math.inf, math.inf])
     return least, next_least
 

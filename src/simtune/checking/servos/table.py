@@ -36,7 +36,7 @@ def _cells(name: str, servo: dict[str, Any]) -> tuple[str, ...]:
         _size(servo["travel"], unit),
         "–" if lag is None else f"{1e3 * lag:.0f} ms",
         "–" if lag is None else f"{servo['lag_steps']:.1f}",
-        *(small(servo[key], unit) for key in ("offset", "rms", "filtered_rms", "noise")),
+        *(in_thousandths(servo[key], unit) for key in ("offset", "rms", "filtered_rms", "noise")),
     )
 
 
@@ -44,7 +44,7 @@ def _size(value: float | None, unit: str) -> str:
     return "–" if value is None else f"{value:.2f} {unit}"
 
 
-def small(value: float | None, unit: str) -> str:
+def in_thousandths(value: float | None, unit: str) -> str:
     """In thousandths of the unit, if it is less than that."""
     if value is None or value != value:
         return "–"

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import detrend
 
-from simtune.checking.servos.doubt import Doubt
+from simtune.checking.doubt import Doubt
 from simtune.checking.servos.fit import ServoResponse, delay_of
 from simtune.checking.servos.following import Following, Watched, follows
-from simtune.fit.readings.stretches import filled
+from simtune.fit.readings.readings import filled
 
 VELOCITIES = 'are these velocities? give the sensor quantity = "velocity"'
 _MIN_CORRELATION_GAIN = 0.1  # of readings with commanded speeds over that of their changes
@@ -47,8 +47,8 @@ def _of_integrals(joint: Watched, servo: ServoResponse) -> Following:
     if not long:
         return Following(0.0, 0.0, 0.0)
     lag = delay_of(commands, measured, joint.step_s)
-    its = joint._replace(commands=commands, measured=measured)
-    return follows(its, replace(servo, lag_steps=lag))
+    speed = joint._replace(commands=commands, measured=measured)
+    return follows(speed, replace(servo, lag_steps=lag))
 
 
 def _integral(read: np.ndarray, step_s: float) -> np.ndarray:

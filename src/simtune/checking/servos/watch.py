@@ -8,7 +8,7 @@ from simtune.checking.servos.commands import commands_of, servos_of
 from simtune.checking.servos.following import Watched
 from simtune.checking.servos.lost import without_lost_packets
 from simtune.checking.servos.speeds import beside_speeds
-from simtune.observation import ObservationModel, assumed_noise, joints_of, units_of
+from simtune.observation import ObservationModel, assumed_noise, units_of
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
 
@@ -24,7 +24,7 @@ def watched(
 
     Without lost packets, of which the warnings are. `names` are the episodes'.
     """
-    sensors, step_s = joints_of(observation.sensors), simulator.step_s
+    sensors, step_s = observation.sensors, simulator.step_s
     servos = servos_of(simulator, sensors)
     commands = commands_of(simulator, sensors, trajectories) if any(servos) else []
     found: list[Watched | None] = [None] * len(servos)
@@ -37,9 +37,9 @@ def watched(
         reads_places = servo.of_speed and not units[column].endswith("/s")
         if reads_places:
             travels = [step_s * np.cumsum(speeds) for speeds in asked]
-        its = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
+        measured = [read[e, : len(c) + 1, column] for e, c in enumerate(commands)]
         name, unit = observation.reading_labels[column], units[column]
-        kept, lost = without_lost_packets(name, unit, travels, its, noise[column], names)
+        kept, lost = without_lost_packets(name, unit, travels, measured, noise[column], names)
         warnings += lost
         joint = Watched(name, unit, asked, kept, step_s, names)
         found[column] = joint

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from simtune.budget import Budget, OutOfTime
+from simtune.budget import NO_LIMIT, Budget, OutOfTime
 from simtune.fit.calibration.refits import Refits, believed_std, usual_std
 from simtune.fit.observed import Observed
 from simtune.fit.replay_fit import ReplayFit
@@ -43,15 +43,13 @@ def run_bootstrap(
     start: PointEstimate,
     num: int,
     rng: np.random.Generator,
-    extend_horizon: bool = True,
-    budget: Budget | None = None,
+    budget: Budget = NO_LIMIT,
 ) -> Refits:
     """Fit `num` worlds near `fit` as the real one was fitted; fewer if `budget` runs out.
 
     A refit that raises OutOfTime is dropped and ends the bootstrap. `start`: where the real world's
-    fit began; `extend_horizon`: see `ReplayFit.fit`.
+    fit began.
     """
-    budget = budget or Budget()
     space = replay_fit.space
     unit, start_unit = space.to_unit(fit.parameters), space.to_unit(start.parameters)
     # At least as far as the real fit moved: a fit that starts near the truth converges easily.
@@ -68,7 +66,7 @@ def run_bootstrap(
         truth, observed = known
         begin = PointEstimate(space.from_unit(truth + away * offset), start.std)
         try:
-            refit = replay_fit.fit(observed, begin, (fit.latency_steps,), extend_horizon)
+            refit = replay_fit.fit(observed, begin, (fit.latency_steps,))
         except OutOfTime:
             break
         refits.append(_Refit(refit, space.to_unit(refit.parameters) - truth))

@@ -102,16 +102,21 @@ class Refits:
         is_fitted = ~np.isin(np.arange(len(self.is_moving)), self.unfitted)
         return self.is_moving & is_fitted, ~self.is_moving & is_fitted
 
-    def ranks(self) -> np.ndarray:
-        """(K, N) probability, by each refit, of being below its truth: uniform if intervals hold.
+    def ranks(self, names: Sequence[str]) -> dict[str, list[float]]:
+        """{name: K probabilities, by each refit, of being below its truth}; empty without refits.
+
+        They are uniform if intervals hold.
 
         These are the ranks of simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
         Each refit is judged by the others (leave one out); few refits show gross errors only.
         """
+        if not len(self.errors):
+            return {}
         others = [np.delete(self.errors, i, axis=0) for i in range(len(self.errors))]
         left_out = [_bias_and_inflation(remaining, self._kinds) for remaining in others]
         bias, factors = np.reshape(left_out, (-1, 2, self.errors.shape[1])).swapaxes(0, 1)
-        return ndtr((bias - self.errors) / factors)
+        ranks = ndtr((bias - self.errors) / factors)  # (K, N)
+        return dict(zip(names, ranks.T.round(4).tolist(), strict=True))
 
     def motion_ratios(self, misfit: Misfit) -> list[float]:
         """Each sensor's misfit divided by the largest one among the refits; see `_ratio`."""

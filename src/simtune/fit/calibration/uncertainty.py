@@ -1,4 +1,4 @@
-"""Uncertainty of a fit: intervals widened by its refits, correlations, ranks."""
+"""Uncertainty of a fit: intervals widened by its refits, correlations."""
 
 from dataclasses import replace
 
@@ -7,7 +7,6 @@ import numpy as np
 from simtune.fit.calibration.refits import Refits
 from simtune.fit.result import FitResult, diluted
 from simtune.parameters import ParameterSpace
-from simtune.randomization import Distribution
 
 _MIN_TOLD_CORRELATION = 0.6
 
@@ -42,11 +41,6 @@ def calibrated(fit: FitResult, refits: Refits, space: ParameterSpace) -> FitResu
     return replace(fit, parameters=parameters, std=std, correlation=correlation)
 
 
-def to_range_units(fit: FitResult, distribution: Distribution) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) means and standard deviations in coordinates of the range, 0 to 1."""
-    return distribution.to_range_unit(fit.parameters), fit.std / distribution.unit_width
-
-
 def correlated_pairs(correlation: np.ndarray, space: ParameterSpace) -> dict[str, float]:
     """{"a, b": correlation} of the pairs that can hardly be separated, of (N, N) correlations.
 
@@ -59,10 +53,3 @@ def correlated_pairs(correlation: np.ndarray, space: ParameterSpace) -> dict[str
         if abs(value) >= _MIN_TOLD_CORRELATION and not is_mixed:
             found[f"{a.name}, {b.name}"] = round(value, 2)
     return found
-
-
-def ranks(refits: Refits, names: tuple[str, ...]) -> dict[str, list[float]]:
-    """{name: ranks of the refits' truths}."""
-    if not len(refits.errors):
-        return {}
-    return dict(zip(names, refits.ranks().T.round(4).tolist(), strict=True))

@@ -8,7 +8,7 @@ from torch import nn
 from torch.nn import functional as F
 
 from simtune.fit.observed import Observed
-from simtune.fit.readings.stretches import filled
+from simtune.fit.readings.readings import filled
 from simtune.networks.layers import seeded
 from simtune.networks.training import TrainingClock, train_network
 from simtune.normal import MAD_TO_STD

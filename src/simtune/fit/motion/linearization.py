@@ -56,15 +56,16 @@ class WindowPlayer:
 
         With `lateness` a coordinate of each of its kinds follows the parameters.
         """
-        self._physics, self._space, self._lateness = physics, physics.space, lateness
-        self._fitted, self.unknown = fitted, np.flatnonzero(prior_std)
-        self._delta = np.maximum(spans.state * prior_std[self.unknown], _SMALLEST_DELTA)
+        self._physics, self.space, self._lateness = physics, physics.space, lateness
+        self.fitted, self.unknown = fitted, np.flatnonzero(prior_std)
+        self.prior_std = prior_std[self.unknown]  # (F,)
+        self._delta = np.maximum(spans.state * self.prior_std, _SMALLEST_DELTA)
         self._span = spans.unit
 
     @property
     def num_worlds(self) -> int:
         """Played for the derivatives of one window."""
-        return 1 + len(self.unknown) + 2 * len(self._fitted)
+        return 1 + len(self.unknown) + 2 * len(self.fitted)
 
     def play(
         self, windows: Windows, states: np.ndarray, units: np.ndarray
@@ -96,16 +97,16 @@ class WindowPlayer:
         that uses them stops where it began. So central differences span as much as windows disagree
         on the parameters, or more. Where a world diverges on one side, the other side alone counts.
         """
-        num_states, num_fitted = len(self.unknown), len(self._fitted)
-        tangents = np.zeros((1 + num_states + 2 * num_fitted, self._space.num_tangent))
+        num_states, num_fitted = len(self.unknown), len(self.fitted)
+        tangents = np.zeros((1 + num_states + 2 * num_fitted, self.space.num_tangent))
         tangents[1 + np.arange(num_states), self.unknown] = self._delta
         spread = np.repeat(tangents[:, None], len(point.states), 1)
-        states = self._space.move(point.states, spread)
+        states = self.space.move(point.states, spread)
         units = np.repeat(point.unit[None], len(tangents), 0)
-        middle, away = point.unit[self._fitted], self._span * np.sqrt(point.variance)
+        middle, away = point.unit[self.fitted], self._span * np.sqrt(point.variance)
         above, below = np.minimum(middle + away, 1), np.maximum(middle - away, 0)
         sides = 1 + num_states + np.arange(2 * num_fitted)
-        units[sides, np.tile(self._fitted, 2)] = np.concatenate([above, below])
+        units[sides, np.tile(self.fitted, 2)] = np.concatenate([above, below])
         _, predicted = self.play(windows, states, units)
         change = (predicted[1:] - predicted[0]).swapaxes(0, 1)
         # A world that diverges predicts what nothing is like: so large a change would make the

@@ -18,13 +18,7 @@ _FRESH_PENALTY = 2.0  # subtracted from their log weight
 _STATE_JITTER = 0.1  # in units of the first guess's usual errors
 _UNIT_JITTER = 0.005  # of parameters in unit coordinates, at each resampling
 _MIN_EFFECTIVE_SHARE = 0.5  # effective sample size below which particles are resampled
-
-
-@dataclass(frozen=True, kw_only=True)
-class ParticleConfig:
-    num: int = 64  # per episode, at most
-    steps: int = 1  # between resamplings
-    look_ahead: int = 12  # steps: a state is an ancestor of the likeliest one this much later
+_LOOK_AHEAD = 12  # steps: a state is an ancestor of the likeliest one this much later
 
 
 @dataclass(frozen=True)
@@ -37,40 +31,39 @@ class Followed:
 
 @dataclass
 class _History:
-    states: list[np.ndarray] = field(default_factory=list)  # (E, K, steps, nq + nv) of a segment
-    parent: list[np.ndarray] = field(default_factory=list)  # (E, K) indices in the previous segment
-    best: list[np.ndarray] = field(default_factory=list)  # (E,) likeliest at a segment's end
+    states: list[np.ndarray] = field(
+        default_factory=list
+    )  # (E, K, 1, nq + nv) after a step, of the first also before
+    parent: list[np.ndarray] = field(default_factory=list)  # (E, K) indices at the previous step
+    best: list[np.ndarray] = field(default_factory=list)  # (E,) likeliest after a step
     unit: list[np.ndarray] = field(default_factory=list)  # (E, P) means
 
 
 class Particles:
     """Follows episodes in worlds of one simulator."""
 
-    def __init__(
-        self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray, config: ParticleConfig
-    ):
-        """See `Shooting`."""
-        self._physics, self._space, self._config = physics, physics.space, config
+    def __init__(self, physics: Physics, prior_std: np.ndarray, fitted: np.ndarray, num: int):
+        """`num`: per episode; else see `Shooting`."""
+        self._physics, self._space, self._num = physics, physics.space, num
         self._prior_std, self._fitted = prior_std, fitted
 
     def follow(
         self, observed: Observed, states: np.ndarray, unit: np.ndarray, unit_std: np.ndarray
     ) -> Followed:
         """From guesses at (E, T + 1, nq + nv) states and (N,) parameters, with the latter's std."""
-        rng, config, history = np.random.default_rng(0), self._config, _History()
+        rng, num, history = np.random.default_rng(0), self._num, _History()
         num_episodes, num_steps, _ = observed.actions.shape
         actuator_states = self._physics.replay_actuators(observed.actions, states, unit)
-        shape = (num_episodes, config.num)
-        now = self._fresh(states[:, 0], config.num, rng)  # (E, K, nq + nv)
+        shape = (num_episodes, num)
+        now = self._fresh(states[:, 0], num, rng)  # (E, K, nq + nv)
         drawn = rng.normal(size=(*shape, len(self._fitted)))
         units = np.clip(unit[self._fitted] + unit_std[self._fitted] * drawn, 0, 1)
         weight = np.zeros(shape)  # logarithms
-        parent = np.tile(np.arange(config.num), (num_episodes, 1))
-        for start in range(0, num_steps, config.steps):
-            end, new = min(start + config.steps, num_steps), int(start > 0)
-            actions = observed.actions[:, start:end]
-            played, predicted = self._play(now, unit, units, actions, actuator_states[:, start])
-            evidence = observed.evidence.at(np.s_[:, None, start + new : end + 1])
+        parent = np.tile(np.arange(num), (num_episodes, 1))
+        for t in range(num_steps):
+            new, actions = int(t > 0), observed.actions[:, t : t + 1]  # the row that is new
+            played, predicted = self._play(now, unit, units, actions, actuator_states[:, t])
+            evidence = observed.evidence.at(np.s_[:, None, t + new : t + 2])
             weight = weight + _LIKELIHOOD_EXPONENT * evidence.log_likelihood(predicted[:, :, new:])
             share = np.exp(weight - weight.max(1, keepdims=True))
             share /= share.sum(1, keepdims=True)
@@ -79,7 +72,7 @@ class Particles:
             history.best.append(weight.argmax(1))
             history.unit.append(np.einsum("ek,ekp->ep", share, units))
             now, units, weight, parent = self._choose(
-                played[:, :, -1], units, weight, share, states[:, end], rng
+                played[:, :, -1], units, weight, share, states[:, t + 1], rng
             )
         half = len(history.unit) // 2
         return Followed(self._path(history), np.mean(history.unit[half:], 0))
@@ -98,7 +91,7 @@ class Particles:
         actions: np.ndarray,
         actuator_states: np.ndarray,
     ):
-        """(E, K, steps + 1, nq + nv) states and predictions of the next steps."""
+        """(E, K, 2, nq + nv) states, now and after a step, and predictions."""
         num_episodes, num, size = states.shape
         worlds = np.repeat(unit[None], num_episodes * num, 0)
         worlds[:, self._fitted] = units.reshape(len(worlds), -1)
@@ -133,14 +126,13 @@ class Particles:
         return states, units, weight, parent
 
     def _path(self, history: _History) -> np.ndarray:
-        """(E, T + 1, nq + nv): in each segment, the ancestor of the best particle later on."""
-        episodes = np.arange(len(history.best[0]))
-        ahead, last = -(-self._config.look_ahead // self._config.steps), len(history.best) - 1
+        """(E, T + 1, nq + nv): at each step, the ancestor of the best particle later on."""
+        episodes, last = np.arange(len(history.best[0])), len(history.best) - 1
         path = []
-        for segment in range(last + 1):
-            later = min(segment + ahead, last)
+        for step in range(last + 1):
+            later = min(step + _LOOK_AHEAD, last)
             at = history.best[later]
-            for step in range(later, segment, -1):
-                at = history.parent[step][episodes, at]
-            path.append(history.states[segment][episodes, at])
+            for t in range(later, step, -1):
+                at = history.parent[t][episodes, at]
+            path.append(history.states[step][episodes, at])
         return np.concatenate(path, 1)

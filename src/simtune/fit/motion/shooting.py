@@ -8,25 +8,25 @@ period late.
 """
 
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 
-from simtune.budget import Budget
+from simtune.budget import NO_LIMIT, Budget, timed
 from simtune.fit.combine import FIRST_VARIANCE
-from simtune.fit.lateness import Lateness
+from simtune.fit.lateness import Lateness, late_unit, steps_late_and_std
 from simtune.fit.motion.actuator_replay import ActuatorReplay
 from simtune.fit.motion.common_errors import Beside, beside, directions
-from simtune.fit.motion.linearization import LinearizationPoint
+from simtune.fit.motion.linearization import LinearizationPoint, WindowPlayer
 from simtune.fit.motion.shooting_config import DERIVED_EVERY, ShootingConfig, Stage
-from simtune.fit.motion.shooting_step import ShootingStep
+from simtune.fit.motion.shooting_step import ShootingStep, Stepped
 from simtune.fit.motion.windows import Windows, cut, even_length, not_longer
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 
+_PRIOR_STD_FACTOR = 3.0  # on first guesses: the estimator overstates its accuracy
 _FIRST_DAMPING = 1e-2
 # Iterations: the actuator state at a window's start also depends on the lag
 _DERIVED_EVERY_WITH_LAGS = 2
@@ -56,15 +56,6 @@ class ShootingFit:
     beside: tuple[Beside, ...] = ()  # of each camera
 
 
-class _Ended(NamedTuple):
-    """Where the last step of a descent ended."""
-
-    windows: Windows
-    point: LinearizationPoint
-    covariance: np.ndarray  # (P, P) of the parameters, and of latenesses if they are fitted
-    hessian: np.ndarray | None  # (W, F, F) of the windows' initial states; None without any step
-
-
 class Shooting:
     """Fits the parameters `fitted` (indices) to observations."""
 
@@ -81,12 +72,14 @@ class Shooting:
         `lateness`: of what is late by an unknown time, which is fitted as well.
         """
         self._physics, self.config, self.fitted = physics, config, np.asarray(fitted)
-        self._prior_std = prior_std
         self._late = lateness.kinds if lateness else ()
-        self._on_time = np.full(len(self._late), Lateness.unit(0.0))
+        self._on_time = np.full(len(self._late), late_unit(0.0))
         last = len(physics.parameters) + np.arange(len(self._on_time))
         unknown = np.concatenate([self.fitted, last]).astype(int)
-        self._step = ShootingStep(physics, prior_std, unknown, config.spans, lateness)
+        self._player = WindowPlayer(
+            physics, prior_std * _PRIOR_STD_FACTOR, unknown, config.spans, lateness
+        )
+        self._step = ShootingStep(self._player)
         self._lags = [i for i in self.fitted if physics.parameters.parameters[i].is_lag]
 
     def fit(self, observed: Observed, states: np.ndarray, parameters: np.ndarray) -> ShootingFit:
@@ -94,7 +87,7 @@ class Shooting:
         unit = self._begin(parameters)
         replay = self._replay(observed, states)
         windows = self._cut(observed, states, replay(unit))
-        return self._result(self._descend(windows, unit, self.config.stages, replay))
+        return self._result(*self._descend(windows, unit, self.config.stages, replay))
 
     def extend_horizon(
         self,
@@ -102,49 +95,57 @@ class Shooting:
         states: np.ndarray,
         parameters: np.ndarray,
         fit: ShootingFit,
-        until_s: float = math.inf,
+        budget: Budget = NO_LIMIT,
     ) -> ShootingFit:
         """The fit with the longest windows that are nearly as well explained; maybe `fit` itself.
 
         Parameters that are not fitted, and states outside of the fit's windows, are as for `fit`.
-        Only the first longer windows are tried if others would not end by `until_s` (monotonic).
+        Only the first longer windows are tried if others would not end within the `budget`.
         """
-        took_s = 0.0
-        config, unit = self.config, self._begin(parameters)
+        took_s, num_steps, longer = 0.0, observed.actions.shape[1], self.config.longer
         best = found = fit
         limit = np.median(best.misfit) + _MAX_MISFIT_RISE
-        num_steps = observed.actions.shape[1]
-        for planned in config.longer:
+        for planned in longer:
             if planned > num_steps:
                 break
-            began_s = time.monotonic()
             is_known = np.diag(best.covariance).max(initial=0) < _WELL_KNOWN_STD**2
             # Always try the first: it is cheap, and short windows may claim too much.
-            if planned > config.longer[0] and (is_known or began_s + took_s > until_s):
+            if planned > longer[0] and (is_known or took_s > budget.seconds_left):
                 break
-            window = even_length(num_steps, planned)
-            unit[self.fitted] = found.unit
-            late = [Lateness.unit(steps) for steps, _ in found.late.values()]
-            unit[len(self._physics.parameters) :] = late
-            improved = self._improved(states, found)
-            replay = self._replay(observed, improved)
-            longer = self._cut(observed, improved, replay(unit), window)
-            # Blurred at first: a motion that ends far away after such a time is no outlier yet.
-            count = config.longer_iterations
-            stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
-            found = self._result(self._descend(longer, unit, stages, replay))
-            took_s = time.monotonic() - began_s
+            given = observed, states, parameters, found, even_length(num_steps, planned)
+            took_s, found = timed(partial(self._in_longer_windows, *given))
             if np.median(found.misfit) > limit:
                 break
             best = found
         return best
+
+    def _in_longer_windows(
+        self,
+        observed: Observed,
+        states: np.ndarray,
+        parameters: np.ndarray,
+        found: ShootingFit,
+        window: int,
+    ) -> ShootingFit:
+        """A fit of windows of `window` steps, from where another one ended."""
+        unit = self._begin(parameters)
+        unit[self.fitted] = found.unit
+        late = [late_unit(steps) for steps, _ in found.late.values()]
+        unit[len(self._physics.parameters) :] = late
+        improved = self._improved(states, found)
+        replay = self._replay(observed, improved)
+        longer = self._cut(observed, improved, replay(unit), window)
+        # Blurred at first: a motion that ends far away after such a time is no outlier yet.
+        count = self.config.longer_iterations
+        stages = (Stage(window, count, _EXTENDED_BLUR), Stage(window, count))
+        return self._result(*self._descend(longer, unit, stages, replay))
 
     def fisher_covariance(
         self,
         observed: Observed,
         states: np.ndarray,
         parameters: np.ndarray,
-        budget: Budget | None = None,
+        budget: Budget = NO_LIMIT,
     ) -> tuple[np.ndarray, float]:
         """(P, P) best possible covariance, in unit coordinates, of a fit to such data.
 
@@ -155,10 +156,10 @@ class Shooting:
         """
         unit, num = self._begin(parameters), len(self.fitted)
         windows = self._cut(observed, states, self._replay(observed, states)(unit))
-        budget, count = budget or Budget(), len(windows.states)
-        num_parts = math.ceil(count * self._step.player.num_worlds / _MOST_WORLDS_AT_ONCE)
+        count = len(windows.states)
+        num_parts = math.ceil(count * self._player.num_worlds / _MOST_WORLDS_AT_ONCE)
         parts = [np.arange(first, count, num_parts) for first in range(min(num_parts, count))]
-        eye, num_done = np.eye(len(self._step.fitted)), 0
+        eye, num_done = np.eye(len(self._player.fitted)), 0
         total = np.zeros_like(eye)
         for part in budget.each(parts):
             budget.report(_ASKING.format(num_done, count), num_done / count)
@@ -178,10 +179,12 @@ class Shooting:
         unit: np.ndarray,
         stages: tuple[Stage, ...],
         replay: ActuatorReplay,
-    ) -> _Ended:
-        """From unknowns in unit coordinates; `replay`: of the episodes of the windows."""
-        windows, hessian = whole, None
-        covariance = np.zeros((len(self._step.fitted),) * 2)
+    ) -> tuple[Windows, Stepped]:
+        """The last stage's windows, and its last step.
+
+        From unknowns in unit coordinates; `replay`: of the episodes of the windows.
+        """
+        windows, taken = whole, None
         damping = np.full(len(whole.states), _FIRST_DAMPING)
         no_errors = np.zeros(len(directions(whole.evidence)))
         point = LinearizationPoint(
@@ -197,18 +200,18 @@ class Shooting:
                 share = 0.0 if stage.states_only else share
                 if slopes is None or iteration % period == 0:
                     windows = replay.renewed(windows, point.unit)
-                    slopes = self._step.player.differentiate(windows, point)
+                    slopes = self._player.differentiate(windows, point)
                 taken = self._step.take(windows, point, slopes, share, stage)
-                point, covariance, predicted, hessian = taken
-                slopes = slopes._replace(predicted=predicted)
-        return _Ended(windows, point, covariance, hessian)
+                point, slopes = taken.point, slopes._replace(predicted=taken.predicted)
+        assert taken is not None, "a descent has an iteration"
+        return windows, taken
 
-    def _result(self, ended: _Ended) -> ShootingFit:
+    def _result(self, windows: Windows, ended: Stepped) -> ShootingFit:
         """Play the windows once more, to see how well they are explained."""
-        windows, point, covariance, hessian = ended
-        num, player, evidence = len(self.fitted), self._step.player, windows.evidence
-        fitted, late = np.split(self._step.fitted, [num])
-        full_states, predicted = player.play(windows, point.states[None], point.unit[None])
+        point, covariance, _, hessian = ended
+        num, evidence = len(self.fitted), windows.evidence
+        fitted, late = np.split(self._player.fitted, [num])
+        full_states, predicted = self._player.play(windows, point.states[None], point.unit[None])
         count = predicted.shape[2] * evidence.num_observations  # of a window
         predicted = predicted + point.common @ directions(evidence)
         return ShootingFit(
@@ -219,7 +222,7 @@ class Shooting:
             step=windows.step,
             misfit=-evidence.log_likelihood(predicted[0]) / count,
             distances=evidence.distances(predicted[0]),
-            state_std=self._prior_std if hessian is None else self._step.state_std(hessian),
+            state_std=self._step.state_std(hessian),
             late=self._found_late(point.unit[late], covariance[num:, num:]),
             beside=beside(evidence, point.common),
         )
@@ -249,7 +252,7 @@ class Shooting:
     ) -> dict[str, tuple[float, float]]:
         """Steps and standard deviation of each kind, from (G,) coordinates and (G, G)."""
         each = [(kind, slice(i, i + 1)) for i, kind in enumerate(self._late)]
-        return {kind: Lateness.found(unit[at], covariance[at, at]) for kind, at in each}
+        return {kind: steps_late_and_std(unit[at], covariance[at, at]) for kind, at in each}
 
     def _improved(self, states: np.ndarray, fit: ShootingFit) -> np.ndarray:
         """(E, T + 1, nq + nv) states, replaced by the fit's inside its windows."""

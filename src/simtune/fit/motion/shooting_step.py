@@ -7,7 +7,6 @@ import numpy as np
 
 from simtune.fit.combine import COMMON_STD, combine, robust_weights
 from simtune.fit.elimination import NormalEquations
-from simtune.fit.lateness import Lateness
 from simtune.fit.motion.common_errors import directions
 from simtune.fit.motion.linearization import (
     LinearizationPoint,
@@ -16,11 +15,9 @@ from simtune.fit.motion.linearization import (
     diagonal,
     ridged,
 )
-from simtune.fit.motion.shooting_config import Spans, Stage
+from simtune.fit.motion.shooting_config import Stage
 from simtune.fit.motion.windows import Windows
-from simtune.fit.physics import Physics
 
-_PRIOR_STD_FACTOR = 3.0  # on first guesses: the estimator overstates its accuracy
 _LARGEST_STEP = 0.12  # in unit coordinates
 _LARGEST_STATE_STEP = 4.0  # in prior standard deviations
 _DAMPING = (1e-6, 1e4)
@@ -31,7 +28,7 @@ class Stepped(NamedTuple):
     """Result of a step."""
 
     point: LinearizationPoint
-    covariance: np.ndarray  # (P, P) of the parameters
+    covariance: np.ndarray  # (P, P) of the parameters, and of latenesses if they are fitted
     predicted: np.ndarray  # (W, K, D) at the point
     hessian: np.ndarray  # (W, F, F) of the windows' initial states
 
@@ -45,20 +42,11 @@ class _Proposal(NamedTuple):
 
 
 class ShootingStep:
-    """Steps in the unknowns `fitted` (indices) and in the windows' initial states."""
+    """Steps in what a player's windows share, and in their initial states."""
 
-    def __init__(
-        self,
-        physics: Physics,
-        prior_std: np.ndarray,
-        fitted: np.ndarray,
-        spans: Spans,
-        lateness: Lateness | None = None,
-    ):
-        """`prior_std`: (2 nv,) usual errors of first guesses at states; see `WindowPlayer`."""
-        self._space, self.fitted = physics.space, fitted
-        self.player = WindowPlayer(physics, prior_std * _PRIOR_STD_FACTOR, fitted, spans, lateness)
-        self._prior_std = prior_std[self.player.unknown] * _PRIOR_STD_FACTOR  # (F,)
+    def __init__(self, player: WindowPlayer):
+        self._player, self._space = player, player.space
+        self._fitted, self._prior_std = player.fitted, player.prior_std
 
     def information(self, windows: Windows, point: LinearizationPoint) -> np.ndarray:
         """(W, P, P) information of each window on the parameters, its initial state unknown.
@@ -66,9 +54,9 @@ class ShootingStep:
         It takes errors as independent.
         """
         pull = np.zeros((len(windows.states), len(self._prior_std)))
-        slopes = self.player.differentiate(windows, point)
-        equations, _ = self.player.linearize(windows, slopes, pull, self._prior_std, 1.0)
-        num = len(self.fitted)
+        slopes = self._player.differentiate(windows, point)
+        equations, _ = self._player.linearize(windows, slopes, pull, self._prior_std, 1.0)
+        num = len(self._fitted)
         return equations.information[:, :num, :num]
 
     def take(
@@ -103,7 +91,7 @@ class ShootingStep:
         common = point.common
         errors = common @ directions(windows.evidence)
         seen = slopes._replace(predicted=slopes.predicted + errors)
-        equations, cost = self.player.linearize(windows, seen, pull, prior, blur)
+        equations, cost = self._player.linearize(windows, seen, pull, prior, blur)
         trust = robust_weights(cost)  # (W,)
         combined = combine(
             equations.information,
@@ -112,7 +100,7 @@ class ShootingStep:
             trust / (1 + point.damping),
             common,
         )
-        whole = combined.step(point.unit[self.fitted], _LARGEST_STEP)  # (P + Q,)
+        whole = combined.step(point.unit[self._fitted], _LARGEST_STEP)  # (P + Q,)
         proposal = self._propose(point, equations, share * point.step_scale * whole, common)
         costs, predicted = self._costs(windows, proposal, prior, blur)
         before, found = cost + 0.5 * np.square(pull).sum(-1), proposal.common
@@ -136,9 +124,9 @@ class ShootingStep:
 
         Parameters stay within their bounds; states follow the step that is left.
         """
-        unit, num = point.unit.copy(), len(self.fitted)
-        unit[self.fitted] = np.clip(unit[self.fitted] + step[:num], 0, 1)
-        change = np.concatenate([unit[self.fitted] - point.unit[self.fitted], step[num:]])
+        unit, num = point.unit.copy(), len(self._fitted)
+        unit[self._fitted] = np.clip(unit[self._fitted] + step[:num], 0, 1)
+        change = np.concatenate([unit[self._fitted] - point.unit[self._fitted], step[num:]])
         states = np.stack([self._move_states(point, equations, change), point.states])
         return _Proposal(unit, common + step[num:], states)
 
@@ -150,7 +138,7 @@ class ShootingStep:
         Predictions are without the common errors.
         """
         states, unit = proposal.states, proposal.unit
-        _, predicted = self.player.play(windows, states, np.stack([unit, unit]))
+        _, predicted = self._player.play(windows, states, np.stack([unit, unit]))
         pulls = np.stack([self._pull(either, windows, prior) for either in states])
         common = proposal.common @ directions(windows.evidence)
         costs = -windows.evidence.log_likelihood(predicted + common, blur)
@@ -166,7 +154,7 @@ class ShootingStep:
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
         limit = _LARGEST_STATE_STEP * self._prior_std
         tangent = np.zeros((len(step), self._space.num_tangent))
-        tangent[:, self.player.unknown] = np.clip(step, -limit, limit)
+        tangent[:, self._player.unknown] = np.clip(step, -limit, limit)
         return self._space.move(point.states, tangent)
 
     def state_std(self, hessian: np.ndarray) -> np.ndarray:
@@ -174,12 +162,12 @@ class ShootingStep:
         std = np.zeros(self._space.num_tangent)
         variance = np.linalg.inv(ridged(hessian)).diagonal(axis1=1, axis2=2)  # (W, F)
         of_most = np.quantile(variance.clip(0), _WINDOWS_QUANTILE, 0) if len(variance) else np.inf
-        std[self.player.unknown] = np.sqrt(of_most)
+        std[self._player.unknown] = np.sqrt(of_most)
         return std
 
     def _pull(self, states: np.ndarray, windows: Windows, prior: np.ndarray) -> np.ndarray:
         """(W, F) S⁻¹ (x ⊖ x̄), with S = diag(prior)."""
-        return self._space.difference(states, windows.states)[:, self.player.unknown] / prior
+        return self._space.difference(states, windows.states)[:, self._player.unknown] / prior
 
 
 def _accepted(

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from simtune.budget import Budget
 from simtune.fit.motion.shooting import Shooting, ShootingFit
 from simtune.fit.observed import Observed
 from simtune.fit.result import PointEstimate
@@ -33,7 +34,7 @@ def fit_from_two_sides(
     observed: Observed,
     states: np.ndarray,
     start: PointEstimate,
-    until_s: float | None,
+    longer_within: Budget | None,
 ) -> TwoSidedFit:
     """From first guesses at the (E, T + 1, nq + nv) states, and from both sides of the `start`.
 
@@ -42,8 +43,8 @@ def fit_from_two_sides(
     result replaces it; half of the change counts as an error, too, since longer windows may be as
     biased as the short ones were.
 
-    `shooting`: of the P parameters of the motion. `until_s`: see `Shooting.extend_horizon`; None:
-    no longer windows.
+    `shooting`: of the P parameters of the motion. `longer_within`: for
+    `Shooting.extend_horizon`; None: no longer windows.
     """
     fits, unit, moving = [], space.to_unit(start.parameters), shooting.fitted
     aside = np.clip(start.std, *_SIDESTEP_BOUNDS)
@@ -56,8 +57,10 @@ def fit_from_two_sides(
     middle = replace(better, unit=(one + other) / 2)
     went = np.abs(middle.unit - unit[moving]) / aside[moving]
     off = (one - other) / 2 * np.clip(went, 1, _MAX_WIDENING)
-    if until_s is not None:
-        extended = shooting.extend_horizon(observed, states, start.parameters, middle, until_s)
+    if longer_within is not None:
+        extended = shooting.extend_horizon(
+            observed, states, start.parameters, middle, longer_within
+        )
         if extended is not middle:
             misled = (extended.unit - middle.unit) / 2
             misled = np.where(np.abs(misled) > np.abs(off), misled, off)

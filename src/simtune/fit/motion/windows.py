@@ -81,8 +81,11 @@ def cut(
     """
     num_episodes, num_steps, _ = observed.actions.shape
     length = min(steps, num_steps)
-    anywhere = np.ones((num_episodes, num_steps + 1), bool)
-    episode, step = window_starts(anywhere, length, at_most)
+    begins = np.arange(0, num_steps + 1 - length, length)
+    episode, step = np.repeat(np.arange(num_episodes), len(begins)), np.tile(begins, num_episodes)
+    if len(step) > at_most:
+        kept = np.linspace(0, len(step) - 1, at_most).round().astype(int)
+        episode, step = episode[kept], step[kept]
     frames = step[:, None] + np.arange(length + 1)
     return Windows(
         observed.evidence.at((episode[:, None], frames)),
@@ -92,18 +95,3 @@ def cut(
         episode,
         step,
     )
-
-
-def window_starts(
-    may_begin: np.ndarray, length: int, at_most: int | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """(W,) episodes and (W,) first steps of non-overlapping windows of `length` steps.
-
-    `may_begin`: (E, T + 1) bool, frames at which one may; `at_most`: limit on W, spread evenly.
-    """
-    steps = np.arange(0, may_begin.shape[1] - length, length)
-    episode, number = np.nonzero(may_begin[:, steps])
-    if at_most is not None and len(episode) > at_most:
-        kept = np.linspace(0, len(episode) - 1, at_most).round().astype(int)
-        episode, number = episode[kept], number[kept]
-    return episode, steps[number]

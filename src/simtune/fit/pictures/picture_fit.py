@@ -125,9 +125,8 @@ class _Fit:
         trust = robust_weights(np.minimum(np.square(residual / noise), 9).mean(1))
         unknowns = np.concatenate([slopes.shown[~self._known], slopes.blur, slopes.response])
         weight = robust / noise**2 / _SQUARE_PX**2
-        information, slope, follow = without_poses(
-            unknowns, slopes.pose, weight, residual, scene.moved
-        )
+        equations = without_poses(unknowns, slopes.pose, weight, residual, scene.moved)
+        information, slope = equations.information, equations.shared_gradient
         few, num = len(self._fitted), len(self._fitted) + len(scene.blur)
         colours = combine(information[:, :num, :num], slope[:, :num], self._variance, trust)
         leads = np.einsum("m,mpq->pq", trust, information[:, :num])
@@ -140,7 +139,7 @@ class _Fit:
         self._unit[self._fitted], scene.blur = after[:few], after[few:]
         scene.response = scene.response + cameras.step
         went = np.concatenate([after - before, cameras.step])
-        scene.move(-follow[..., -1] - follow[..., :-1] @ went)
+        scene.move(equations.own_step(went))
         scene.log_exposure = exposed(scene.log_exposure, slopes, weight, residual)
         std = np.sqrt(np.diag(self._covariance))[:few]
         return float((np.abs(after - before)[:few] / std).max(initial=0))

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from simtune.fit.elimination import NormalEquations, eliminate
+
 
 def without_poses(
     slopes: np.ndarray,
@@ -9,23 +11,21 @@ def without_poses(
     weight: np.ndarray,
     residual: np.ndarray,
     moved: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(M, U, U) information and (M, U) slope for (U, M, pixels) slopes, with poses eliminated.
+) -> NormalEquations:
+    """Of M pictures, each with a pose of its own, for (U, M, pixels) slopes of what they share.
 
     With residuals r of the pixels, weights W, A = ∂r/∂u and P = ∂r/∂x by the poses x, which have
     `moved` (M, D) in units of their standard deviations, each picture's poses are eliminated:
 
         information = AᵀWA − AᵀWP (PᵀWP + 1)⁻¹ PᵀWA     slope = AᵀWr − AᵀWP (PᵀWP + 1)⁻¹ (PᵀWr + x)
-
-    Also returns (M, D, U + 1): how x follows u, and its own step.
     """
-    cross = _products(of_pose, weight, slopes)  # (M, D, U)
-    of_poses = _products(of_pose, weight, of_pose) + np.eye(of_pose.shape[0])
-    pull = _project(of_pose, weight, residual) + moved  # (M, D)
-    follow = np.linalg.solve(of_poses, np.concatenate([cross, pull[..., None]], -1))
-    information = _products(slopes, weight, slopes) - cross.swapaxes(1, 2) @ follow[..., :-1]
-    slope = _project(slopes, weight, residual) - (cross.swapaxes(1, 2) @ follow[..., -1:])[..., 0]
-    return information, slope, follow
+    return eliminate(
+        _products(of_pose, weight, of_pose) + np.eye(of_pose.shape[0]),
+        _products(of_pose, weight, slopes),
+        _project(of_pose, weight, residual) + moved,
+        _products(slopes, weight, slopes),
+        _project(slopes, weight, residual),
+    )
 
 
 def _products(a: np.ndarray, weight: np.ndarray, b: np.ndarray) -> np.ndarray:

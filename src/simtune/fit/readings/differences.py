@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.fit.readings.open_loop import OpenLoopReplay
+from simtune.fit.readings.segments import Stretches
 from simtune.fit.readings.slopes import Groups, StretchSlopes, agreed
-from simtune.fit.readings.stretches import Stretches
 
 UNIT_DELTA = 5e-3
 # Times a reading's range in a stretch, or rad, m, or those per second if that is less than 1

@@ -13,11 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from simtune.budget import Budget
+from simtune.budget import NO_LIMIT, Budget
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.read_states import ReadStates
-from simtune.fit.readings.segments import FEWEST_STEPS, Segments, may_begin
-from simtune.fit.readings.stretches import Readings, Stretches, filled
+from simtune.fit.readings.readings import Readings, filled
+from simtune.fit.readings.segments import FEWEST_STEPS, ReadStates, Segments, Stretches, may_begin
 from simtune.observation import assumed_noise
 
 # Errors of a position that grow so many times are not followed: in servos and pendulums they grow
@@ -30,39 +29,32 @@ _REPORTED_EVERY_S = 5.0
 _LOOKAHEAD_RATIO = 2  # to the longest segment so far, to look for the end of another one
 
 
-def growth(loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray) -> np.ndarray:
+def growth(
+    loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray, budget: Budget = NO_LIMIT
+) -> tuple[np.ndarray, float]:
     """(W, K + 1) how many times as large as at the start an error of a first position becomes.
 
     In any reading of a place; both relative to the usual noise, which is also the error's size: the
-    least one would not say whether something is struck. `unit`: (N,) in unit coordinates.
+    least one would not say whether something is struck. `unit`: (N,) in unit coordinates. Also the
+    share of the errors that there was time for.
     """
-    return growth_within(Budget(), loop, stretches, unit)[0]
-
-
-def growth_within(
-    budget: Budget, loop: OpenLoopReplay, stretches: Stretches, unit: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """As `growth`, and the share of the errors that there was time for."""
     erring = _erring(loop, stretches)
     predicted = _played(budget, _GROWING, loop, stretches, erring, unit)
     return _grown(loop, predicted), len(predicted) / len(erring)
 
 
-def follow(loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray) -> Segments:
+def follow(
+    loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray, budget: Budget = NO_LIMIT
+) -> tuple[Segments, float]:
     """Segments of worlds with (N,) parameters in unit coordinates: whole episodes, where possible.
 
     What cannot be followed for some steps is left out. If something may be pushed that no sensor
     measures, it has no steps: it leads to what comes after, with its errors. Later segments are at
     most twice as long as the longest before, so that the time that this takes is in proportion to
     an episode's. Left out is also what follows actions from before an episode.
+
+    Also the share of the episodes that was looked at before the time was over.
     """
-    return follow_within(Budget(), loop, read, unit)[0]
-
-
-def follow_within(
-    budget: Budget, loop: OpenLoopReplay, read: ReadStates, unit: np.ndarray
-) -> tuple[Segments, float]:
-    """As `follow`, and the share of the episodes that was looked at before the time was over."""
     next_begin = _next_begin(read.readings, assumed_noise(loop.sensors))
     if loop.measured.bases:
         read = loop.carried(read, unit, next_begin.shape[1] - 1)

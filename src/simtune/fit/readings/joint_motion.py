@@ -15,7 +15,7 @@ from simtune.fit.lateness import PICTURES
 from simtune.fit.observed import Observed
 from simtune.fit.physics import Physics
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.stretches import Readings, filled, parabolas
+from simtune.fit.readings.readings import Readings, filled, parabolas
 from simtune.fit.readings.whole_episodes import begin_whole
 from simtune.normal import MAD_TO_STD
 from simtune.observation import AllEvidence, JointReadings

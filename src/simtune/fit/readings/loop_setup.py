@@ -7,8 +7,8 @@ import numpy as np
 from simtune.fit.physics import Physics, is_lost
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.stretches import Readings
-from simtune.observation import ObservationModel, assumed_noise, joints_of, measured_places
+from simtune.fit.readings.readings import Readings
+from simtune.observation import ObservationModel, assumed_noise, measured_places
 from simtune.simulation import AnySimulator, Simulator
 from simtune.simulation.loose_objects import gliding_joints, loose_joints
 
@@ -29,7 +29,7 @@ def set_up_loop(
     assert isinstance(simulator, Simulator), "sensors measure a model's joints"
     still, rng = np.zeros((2, 1, simulator.num_actions)), np.random.default_rng(0)
     begun = simulator.roll_out(np.repeat(start[None], 2, 0), still, rng, keep_diverged=True)
-    sensors, space = joints_of(observation.sensors), simulator.state_space
+    sensors, space = observation.sensors, simulator.state_space
     state, another = space.positions_and_velocities(begun.states[:, 0])
     differs, model, untouched = state != another, simulator.model, list[int]()
     for number, joint in enumerate(loose_joints(model).tolist()):
@@ -65,8 +65,7 @@ def where_starts_show(loop: OpenLoopReplay, readings: Readings, unit: np.ndarray
     """
     if loop.elsewhere is None or not loop.unseen:
         return loop
-    few = Readings(readings.actions[:_TRIED_EPISODES], readings.values[:_TRIED_EPISODES])
-    stretches = loop.cut(few, unit, np.zeros(loop.measured.num_readings))
+    stretches = loop.cut(readings.first(episodes=_TRIED_EPISODES), unit)
     moved = np.where(np.isnan(loop.elsewhere), stretches.states, loop.elsewhere)
     moved = loop.measured.bases.begun(moved, unit[: len(loop.physics.parameters)])  # another way
     both = np.stack([stretches.states, moved])

@@ -7,16 +7,11 @@ import numpy as np
 from simtune.fit.physics import Physics
 from simtune.fit.readings.bases import Bases
 from simtune.fit.readings.consistent import ConsistentStates
-from simtune.fit.readings.stretches import (
-    Stretches,
-    filled,
-    is_within,
-    moving_from_the_start,
-    velocities,
-)
+from simtune.fit.readings.readings import filled, is_within, moving_from_the_start, velocities
+from simtune.fit.readings.segments import Stretches
 from simtune.fit.readings.unmeasured import what_goes_on
 from simtune.observation import JointSensor, measured_places
-from simtune.parameters.backlash import play_of
+from simtune.parameters.backlash_joints import play_of
 from simtune.simulation.loose_objects import gliding_joints, loose_joints, passive_joints
 
 _VELOCITY_ERROR = 3.0  # std of an initial velocity, in position noise per step
@@ -86,8 +81,10 @@ class MeasuredStates:
         known += self.consistent.placed_joints
         return bool(np.isin(passive_joints(model), known).all())
 
-    def as_read(self, values: np.ndarray, offsets: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,).
+    def as_read(
+        self, values: np.ndarray, unit: np.ndarray, offsets: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """(E, T + 1, nq + nv) states from (E, T + 1, D) readings with offsets (D,), or one of all.
 
         Unmeasured positions are those that equalities tie to measured ones in a world of (N,)
         parameters in unit coordinates, or else those at the start of a simulated episode.

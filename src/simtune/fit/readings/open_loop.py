@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from simtune.fit.lateness import Lateness
+from simtune.fit.lateness import STEPS_PER_UNIT, Lateness, steps_late
 from simtune.fit.physics import Physics
 from simtune.fit.readings.measured_states import MeasuredStates
 from simtune.fit.readings.parts import parts_to_play
-from simtune.fit.readings.read_states import ReadStates
-from simtune.fit.readings.segments import Segments
-from simtune.fit.readings.stretches import Readings, Stretches
+from simtune.fit.readings.readings import Readings
+from simtune.fit.readings.segments import ReadStates, Segments, Stretches
 from simtune.fit.readings.unmeasured import carried, play_in_turn
 from simtune.observation import (
     JointSensor,
@@ -129,41 +128,39 @@ class OpenLoopReplay:
         self,
         readings: Readings,
         unit: np.ndarray,
-        offsets: np.ndarray,
-        steps: int | None = None,
-        at_most: int | None = None,
-    ) -> Stretches:
-        """Stretches of `steps` steps, see `Segments.evenly`; `unit`: (N,)."""
-        return self.cut_at(readings, unit, offsets, Segments.evenly(readings, steps, at_most))
-
-    def cut_at(
-        self,
-        readings: Readings,
-        unit: np.ndarray,
-        offsets: np.ndarray,
-        segments: Segments,
+        offsets: np.ndarray | float = 0.0,
+        segments: Segments | None = None,
         goes_on: bool = False,
     ) -> Stretches:
-        """Stretches of these segments; `goes_on`: see `Stretches`."""
+        """Stretches of these segments, by default whole episodes; `unit`: (N,).
+
+        `offsets`: see `states_of`; `goes_on`: see `Stretches`.
+        """
+        segments = Segments.evenly(readings) if segments is None else segments
         return self.cut_read(self.states_of(readings, unit, offsets), unit, segments, goes_on)
 
     def cut_read(
         self, read: ReadStates, unit: np.ndarray, segments: Segments, goes_on: bool = False
     ) -> Stretches:
-        """As `cut_at`, of `states_of` readings in that world."""
+        """As `cut`, of `states_of` readings in that world."""
         # Else the replay of the part before leads to what was pushed
         if segments.begin.any() and (not goes_on or self.measured.bases):
             read = self.carried(read, unit, segments.begin.max())
         return read.cut(segments, goes_on)
 
-    def states_of(self, readings: Readings, unit: np.ndarray, offsets: np.ndarray) -> ReadStates:
-        """States that readings with (D,) `offsets` give, in a world of (N,) parameters."""
+    def states_of(
+        self, readings: Readings, unit: np.ndarray, offsets: np.ndarray | float = 0.0
+    ) -> ReadStates:
+        """States that readings give, in a world of (N,) parameters.
+
+        `offsets`: (D,) measured − simulated, or one of all.
+        """
         parameters, drift = self._parameters(unit), None
-        states = self.measured.as_read(readings.values, offsets, parameters)
+        states = self.measured.as_read(readings.values, parameters, offsets)
         if self.lateness is not None:
             by_step = self.measured.change_per_late_step(states)
-            states = self.physics.space.move(states, Lateness.steps(unit[-1]) * by_step)
-            drift = Lateness.steps_per_unit() * by_step
+            states = self.physics.space.move(states, steps_late(unit[-1]) * by_step)
+            drift = STEPS_PER_UNIT * by_step
         left = self.physics.replay_actuators(readings.actions, states, parameters)
         return ReadStates(readings, states, left, drift)
 

@@ -19,21 +19,22 @@ measurement, with τ_d its integrated autocorrelation time.
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from simtune.budget import Budget
+from simtune.budget import Budget, timed
 from simtune.fit.readings.descent import FIRST_DAMPING, Descent, stepped
 from simtune.fit.readings.differences import differentiate, refresh
 from simtune.fit.readings.growth import follow
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.output_error_fit import OutputErrorFit, judge
+from simtune.fit.readings.readings import Readings
 from simtune.fit.readings.replay_objective import Guess, ReplayObjective
 from simtune.fit.readings.residuals import spread
 from simtune.fit.readings.segments import Segments
 from simtune.fit.readings.slopes import Groups, StretchSlopes
-from simtune.fit.readings.stretches import Readings
 from simtune.fit.readings.weak_directions import sharpened
 from simtune.observation import assumed_noise
 
@@ -45,17 +46,8 @@ _RENEWED_EVERY = 4
 
 class ReplayStage(NamedTuple):
     iterations: int
-    steps: int | None = None  # of a stretch; by default the whole episode
-    at_most: int | None = None  # limit on the number of stretches
-    segments: Segments | None = None  # if given, `steps` and `at_most` are ignored
-
-    @property
-    def goes_on(self) -> bool:
-        """Whether later stretches go on from those before, as `segments` do; see `Stretches`."""
-        return self.segments is not None
-
-    def segments_of(self, readings: Readings) -> Segments:
-        return self.segments or Segments.evenly(readings, self.steps, self.at_most)
+    segments: Segments | None = None  # by default whole episodes
+    goes_on: bool = False  # whether later stretches go on from those before; see `Stretches`
 
 
 class OutputErrorMethod:
@@ -79,13 +71,13 @@ class OutputErrorMethod:
         `near`: a descent of the same stage, whose derivatives are used at first.
         """
         loop = self._loop
-        segments = stage.segments_of(readings)
-        if stage.steps is not None and (settled := segments.begin >= loop.unsettled_rows).any():
+        segments = stage.segments or Segments.evenly(readings)
+        if not stage.goes_on and (settled := segments.begin >= loop.unsettled_rows).any():
             segments = segments.of(settled)
-        stretches = loop.cut_at(readings, begin.unit, begin.offsets, segments, stage.goes_on)
-        began_s = time.monotonic()
-        played, _ = loop.play(stretches, stretches.states[None], begin.unit[None])
-        played_s, touches = time.monotonic() - began_s, loop.touches(stretches, begin.unit)
+        stretches = loop.cut(readings, begin.unit, begin.offsets, segments, stage.goes_on)
+        play = partial(loop.play, stretches, stretches.states[None], begin.unit[None])
+        played_s, (played, _) = timed(play)
+        touches = loop.touches(stretches, begin.unit)
         if near and near.objective.stretches.values.shape != stretches.values.shape:
             near = None  # of a delay that leaves fewer stretches
         left = played[0] + begin.offsets - stretches.values
@@ -112,7 +104,8 @@ class OutputErrorMethod:
     def followed(self, readings: Readings, guess: Guess) -> Segments:
         """As `follow`; if replay can follow nothing, there are none."""
         loop = self._loop
-        return follow(loop, loop.states_of(readings, guess.unit, guess.offsets), guess.unit)
+        read = loop.states_of(readings, guess.unit, guess.offsets)
+        return follow(loop, read, guess.unit)[0]
 
     def num_worlds(self, touches: bool) -> int:
         """How many are played for all derivatives of a descent, if anything touches in it."""

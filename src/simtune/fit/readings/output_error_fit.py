@@ -6,7 +6,7 @@ import numpy as np
 
 from simtune.budget import Budget
 from simtune.fit.elimination import NormalEquations
-from simtune.fit.lateness import Lateness
+from simtune.fit.lateness import steps_late_and_std
 from simtune.fit.readings.descent import Descent
 from simtune.fit.readings.normal_equations import explained_by_starts, jackknife, jackknife_std
 from simtune.fit.readings.residuals import correlation_times
@@ -72,7 +72,7 @@ def judge(ended: Descent, slopes: StretchSlopes, budget: Budget) -> OutputErrorF
         offsets=point.offsets,
         noise=noise,
         start=objective.play(point)[1][0] if objective.begins_at_first else None,
-        late_steps=Lateness.found(
+        late_steps=steps_late_and_std(
             point.unit[size:], covariance[own:, own:] + np.square(changed[own:])
         ),
         by_timestep=by_timestep,

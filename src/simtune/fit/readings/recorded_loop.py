@@ -13,9 +13,9 @@ from simtune.budget import Budget
 from simtune.fit.readings.loop_setup import set_up_loop
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.output_error import OutputErrorMethod, ReplayStage
+from simtune.fit.readings.readings import Readings
 from simtune.fit.readings.replay_objective import Guess
 from simtune.fit.readings.segments import FEWEST_STEPS
-from simtune.fit.readings.stretches import Readings
 from simtune.observation import ObservationModel
 from simtune.simulation import AnySimulator, Simulator
 
@@ -39,9 +39,7 @@ def recorded_loop(
     if not simulator.held.motors_lag or observation.cameras:
         return set_up_loop(simulator, observation, start)
     steps = max(FEWEST_STEPS, round(_FIRST_S / simulator.step_s))
-    few = Readings(
-        readings.actions[:_MOST_EPISODES, :steps], readings.values[:_MOST_EPISODES, : steps + 1]
-    )
+    few = readings.first(steps, _MOST_EPISODES)
     ran = _ran_before(simulator, _First(observation, start, few))
     return set_up_loop(simulator.with_running_motors() if ran else simulator, observation, start)
 

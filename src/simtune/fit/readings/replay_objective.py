@@ -13,8 +13,8 @@ from simtune.fit.readings.differences import DifferencePoint
 from simtune.fit.readings.normal_equations import by_shared, normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.residuals import HUBER, spread
+from simtune.fit.readings.segments import Stretches
 from simtune.fit.readings.slopes import StretchSlopes
-from simtune.fit.readings.stretches import Stretches
 from simtune.observation import assumed_noise
 
 PRIOR_STD = 0.3  # of parameters, in unit coordinates: weak, a factor of 3 or so
@@ -132,8 +132,7 @@ class ReplayObjective:
         unit, offsets = point.unit.copy(), point.offsets.copy()
         unit[fitted] = np.clip(unit[fitted] + change[:num], 0, 1)
         offsets[self.finds_offset] += change[num:]
-        gradient = equations.gradient + equations.cross @ change
-        shift = point.shift - np.linalg.solve(equations.hessian, gradient[..., None])[..., 0]
+        shift = point.shift + equations.own_step(change)
         return Point(unit, offsets, self._states(unit, offsets, shift), shift)
 
     def _states(self, unit: np.ndarray, offsets: np.ndarray, shift: np.ndarray) -> np.ndarray:

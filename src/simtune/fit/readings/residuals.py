@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simtune.fit.readings.stretches import is_within
+from simtune.fit.readings.readings import is_within
 
 HUBER = 5.0  # root mean squares: larger residuals count linearly (Huber 1964)
 _CLIPPING_ITERATIONS = 3  # outliers inflate the first estimates

@@ -1,11 +1,14 @@
-"""Segments of episodes, each replayed from an initial state of its own (multiple shooting)."""
+"""Segments of episodes, each replayed from an initial state of its own (multiple shooting).
+
+States of whole episodes as readings give them are cut into stretches, one of each segment.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from simtune.fit.readings.stretches import Readings
+from simtune.fit.readings.readings import Readings, travel
 
 FEWEST_STEPS = 8
 
@@ -50,6 +53,84 @@ class Segments(NamedTuple):
     def of(self, chosen: np.ndarray) -> "Segments":
         """Those that (W,) bool or indices choose."""
         return Segments(*(part[chosen] for part in self))
+
+
+class Stretches(NamedTuple):
+    """W stretches of K steps."""
+
+    actions: np.ndarray  # (W, K, A)
+    values: np.ndarray  # (W, K + 1, D)
+    states: np.ndarray  # (W, nq + nv) initial states, as far as readings say
+    actuator_states: np.ndarray  # (W, S) with what earlier actions left behind
+    episode: np.ndarray  # (W,)
+    # (W, 2 nv) derivative of `states` by a lateness's unit coordinate; None: there is no lateness
+    drift: np.ndarray | None = None
+    begin: np.ndarray | None = None  # (W,) rows of their episodes
+    # Whether what is pushed, unmeasured, goes on from the stretch before, in order of time
+    goes_on: bool = False
+
+    def of(self, chosen: np.ndarray) -> "Stretches":
+        """Those that (W,) bool chooses."""
+        return Stretches(
+            actions=self.actions[chosen],
+            values=self.values[chosen],
+            states=self.states[chosen],
+            actuator_states=self.actuator_states[chosen],
+            episode=self.episode[chosen],
+            drift=None if self.drift is None else self.drift[chosen],
+            begin=None if self.begin is None else self.begin[chosen],
+            goes_on=self.goes_on,
+        )
+
+    @property
+    def travel(self) -> np.ndarray:
+        """(W, D); see `travel`."""
+        return travel(self.values)
+
+    @property
+    def longest(self) -> int:
+        """Steps after which no reading follows, and one more, since a lateness is interpolated."""
+        known = np.isfinite(self.values).any((0, 2))
+        return min(self.actions.shape[1], 1 + int(np.flatnonzero(known).max(initial=0)))
+
+    def first(self, steps: int) -> "Stretches":
+        """The first `steps` steps of each."""
+        return self._replace(actions=self.actions[:, :steps], values=self.values[:, : steps + 1])
+
+
+class ReadStates(NamedTuple):
+    """Of E episodes, at each reading."""
+
+    readings: Readings
+    states: np.ndarray  # (E, T + 1, nq + nv)
+    actuator_states: np.ndarray  # (E, T + 1, S) with what earlier actions left behind
+    drift: np.ndarray | None  # (E, T + 1, 2 nv) as in `Stretches`
+
+    def cut(self, segments: Segments, goes_on: bool = False) -> Stretches:
+        """Stretches of these segments; shorter ones are padded with NaN and later actions.
+
+        `goes_on`: see `Stretches`. Then segments of no steps, which are not compared with readings,
+        are played up to the next one.
+        """
+        actions, values = self.readings.actions, self.readings.values
+        episode, begin, steps = segments
+        longest = steps.max()
+        if goes_on:
+            longest = max(longest, steps_until_next(episode, begin).max())
+        rows = np.arange(longest + 1)
+        frames = np.minimum(begin[:, None] + rows, values.shape[1] - 1)
+        acting = np.minimum(frames[:, :-1], actions.shape[1] - 1)
+        is_within = ((rows <= steps[:, None]) & (steps[:, None] > 0))[..., None]
+        return Stretches(
+            actions[episode[:, None], acting],
+            np.where(is_within, values[episode[:, None], frames], np.nan),
+            self.states[episode, begin],
+            self.actuator_states[episode, begin],
+            episode,
+            None if self.drift is None else self.drift[episode, begin],
+            begin,
+            goes_on,
+        )
 
 
 def steps_until_next(episode: np.ndarray, begin: np.ndarray) -> np.ndarray:

@@ -13,8 +13,7 @@ import mujoco
 import numpy as np
 
 from simtune.fit.physics import Physics
-from simtune.fit.readings.segments import steps_until_next
-from simtune.fit.readings.stretches import Stretches
+from simtune.fit.readings.segments import Stretches, steps_until_next
 from simtune.observation import JointSensor
 from simtune.simulation.joints import joints_of_state
 from simtune.simulation.ties import dofs_of_ties

@@ -5,7 +5,8 @@ import numpy as np
 from simtune.fit.readings.differences import DifferencePoint, differentiate
 from simtune.fit.readings.normal_equations import normal_equations
 from simtune.fit.readings.open_loop import OpenLoopReplay
-from simtune.fit.readings.stretches import Readings, Stretches, unread_rows
+from simtune.fit.readings.readings import Readings, unread_rows
+from simtune.fit.readings.segments import Stretches
 from simtune.observation import assumed_noise
 
 _FIRST_STEPS = 5  # for the initial state

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
+from simtune.recordings.choosing import choose_camera
 from simtune.recordings.lerobot.layout import IMAGES_PREFIX, unexpected
 from simtune.recordings.readings import readings_of
-from simtune.recordings.source import MOST_ACTIONS, Reading, choose_camera, short
+from simtune.recordings.source import MOST_ACTIONS, Reading, short
 
 _MAX_LIST_DEPTH = 3  # of lists within lists
 _NUMERIC = re.compile(r"u?int\d+|float\d+")  # dtypes

@@ -19,7 +19,6 @@ STATE = "observation.state"
 class Layout:
     """File layout of a version. Paths are templates with numbers and a video's key."""
 
-    major: int
     episodes: str  # place of the list of episodes
     data_path: str
     video_path: str
@@ -30,7 +29,6 @@ class Layout:
 
 # One file per episode
 V2 = Layout(
-    major=2,
     episodes="meta/episodes.jsonl",
     data_path="data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
     video_path="videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
@@ -40,7 +38,6 @@ V2 = Layout(
 )
 # Many episodes share a file
 V3 = Layout(
-    major=3,
     episodes="meta/episodes/",
     data_path=DATA_PATH,
     video_path=VIDEO_PATH,

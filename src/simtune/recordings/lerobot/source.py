@@ -11,21 +11,14 @@ import pyarrow.compute as pc
 from simtune.columns import counted
 from simtune.errors import InputError
 from simtune.recordings import video
+from simtune.recordings.choosing import kept_episodes, leave_out_option, left_out
 from simtune.recordings.lerobot.episodes import Episode
 from simtune.recordings.lerobot.images import episode_pictures, first_picture
 from simtune.recordings.lerobot.meta import read_meta
 from simtune.recordings.lerobot.parquet import lists, numbers, read_table
 from simtune.recordings.lerobot.unfilmed import NEAR, num_unfilmed, shown_s
 from simtune.recordings.readings import gather
-from simtune.recordings.source import (
-    MOST_UNFILMED,
-    Reading,
-    Rows,
-    first_wrong,
-    kept_episodes,
-    leave_out_option,
-    left_out,
-)
+from simtune.recordings.source import MOST_UNFILMED, Reading, Rows, first_wrong
 from simtune.recordings.still import kind_of
 
 
@@ -58,7 +51,7 @@ class LeRobotSource:
     def codec(self, episode: int) -> str:
         where = self._episodes[episode]
         if where.video_file:
-            return video.probe(where.video_file).codec
+            return video.codec_of(where.video_file)
         return kind_of(first_picture(where, self._key))
 
     def rows(self, episode: int, readings: Sequence[Reading] = ()) -> Rows:

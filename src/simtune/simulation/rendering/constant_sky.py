@@ -8,8 +8,8 @@ import numpy as np
 import warp
 
 from simtune.simulation.rendering.packing import packed
-from simtune.simulation.rendering.raycaster_context import draw, make_context
 from simtune.simulation.rendering.sky import has_sky, sky_alone
+from simtune.simulation.rendering.warp_context import draw, make_context
 from simtune.simulation.rendering.warp_model import put_model
 
 _SAMPLES = 4  # per pixel and axis: stars are smaller than pixels and would sparkle

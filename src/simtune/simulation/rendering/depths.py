@@ -7,7 +7,7 @@ import mujoco_warp
 import numpy as np
 import warp
 
-from simtune.simulation.rendering.raycaster_context import assign, init_warp
+from simtune.simulation.rendering.warp_context import assign, init_warp
 from simtune.simulation.rendering.warp_model import put_model
 
 _CHUNK = 16  # pictures per launch

@@ -10,9 +10,10 @@ from ctypes.util import find_library
 import mujoco
 import numpy as np
 
+from simtune.cameras.views import View
 from simtune.errors import InputError
 from simtune.parameters import ModelWriter, ParameterSpace
-from simtune.simulation.rendering.opengl_quality import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.rendering.picture_settings import PictureSettings
 from simtune.simulation.rendering.stray_light import StrayLight
 
 _HEADLESS = {"egl": "EGL", "osmesa": "OSMesa"}  # libraries of the backends without a display
@@ -35,11 +36,11 @@ class OpenGLRenderer:
         self,
         model: mujoco.MjModel,
         space: ParameterSpace,
-        camera: str,
-        size: tuple[int, int],
-        quality: OpenGLQuality = OPENGL_FAST,
+        view: View,
+        settings: PictureSettings,
     ):
-        self.size = size
+        self.size = size = settings.points(view)
+        quality = settings.quality
         self._model = copy.copy(model)
         self._model.cam_sensorsize[:] = 0  # the field of view is vertical, as for every renderer
         self._writer = ModelWriter(space, self._model)
@@ -47,12 +48,11 @@ class OpenGLRenderer:
         self._data = mujoco.MjData(self._model)
         self._view = mujoco.MjvCamera()
         self._view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._view.fixedcamid = model.camera(camera).id
+        self._view.fixedcamid = model.camera(view.camera).id
         self._option = mujoco.MjvOption()
         self._scene = mujoco.MjvScene(self._model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = quality.shadow_map_px > 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = quality.reflections
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = quality.skybox
         # read when a context is made
         self._model.vis.global_.offheight, self._model.vis.global_.offwidth = size
         finest = _TEXELS_PER_PIXEL * max(size)

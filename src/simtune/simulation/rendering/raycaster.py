@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache, partial
 from threading import Lock
 
@@ -11,6 +12,7 @@ import numpy as np
 import warp
 
 from simtune.cameras.pictures import pictures_at_once
+from simtune.cameras.views import View
 from simtune.errors import InputError
 from simtune.parameters import ParameterSpace
 from simtune.simulation.rendering import packing
@@ -18,10 +20,12 @@ from simtune.simulation.rendering.appearance import NUM_GROUPS, as_opengl_reads
 from simtune.simulation.rendering.backdrops import Backdrops
 from simtune.simulation.rendering.constant_sky import constant_sky
 from simtune.simulation.rendering.packing import packed
+from simtune.simulation.rendering.picture_settings import PictureSettings
 from simtune.simulation.rendering.plate import before_plate, check_stands_still
-from simtune.simulation.rendering.raycaster_context import Context, init_warp
+from simtune.simulation.rendering.raycaster_context import Context
 from simtune.simulation.rendering.sky import can_turn, smooth_sky
 from simtune.simulation.rendering.stray_light import StrayLight
+from simtune.simulation.rendering.warp_context import init_warp
 from simtune.simulation.worlds import no_printed_warnings
 
 _GREY = 0xFF808080  # packed; of a background that is unknown
@@ -47,42 +51,40 @@ class Raycaster:
         self,
         model: mujoco.MjModel,
         space: ParameterSpace,
-        camera: str,
-        size: tuple[int, int],
+        view: View,
+        settings: PictureSettings,
+        *,
         num_threads: int = 0,
-        plate: np.ndarray | None = None,
-        background_is_unknown: bool = False,
-        device: str = "cpu",
     ):
-        """`size`: (height, width) of pictures. `plate`: (height, width, 3) uint8 RGB in place of
-        the sky and of static geoms, see `before_plate`. An unknown background is a random picture
-        in their place. `device`: cpu, cuda or cuda:N. Raises InputError for a plate with a camera
-        that moves, or if nothing of the model is drawn.
+        """A plate is drawn in place of the sky and of static geoms, see `before_plate`; if the
+        background is unknown, a random picture. `num_threads`: 0: as many as there are cores.
+        Raises InputError for a plate with a camera that moves, or if nothing of the model is drawn.
         """
         if not model.nflex and not (model.geom_group < NUM_GROUPS).any():
             raise InputError(_NOTHING_TO_DRAW)
+        device = settings.device
         init_warp(device)
-        self.size = size
+        self.size = size = settings.points(view)
         self._device = device
         num_threads = num_threads or _num_cores()
         is_cpu = device == "cpu"
         self._alone: Callable[[], Raycaster] | None = None  # draws one picture
         if not is_cpu and size[0] * size[1] <= _MAX_ALONE_PIXELS:
-            settings = (1, plate, background_is_unknown)
-            self._alone = cache(partial(Raycaster, model, space, camera, size, *settings))
+            on_cpu = replace(settings, device="cpu")
+            self._alone = cache(partial(Raycaster, model, space, view, on_cpu, num_threads=1))
         self._num_threads = num_threads if is_cpu else 1
         self._chunk = pictures_at_once(device, *size)
         if is_cpu and model.nflex:  # which draw a whole chunk, however few pictures are asked for
             self._chunk = min(self._chunk, _MOST_WITH_FLEXES)
-        model, sky = _with_sky(model, space, camera, size, plate, background_is_unknown)
+        model, sky = _with_sky(model, space, view, settings)
         threads = 1 if is_cpu else num_threads
         self._idle = [  # with the beginning of the chunk that each drew last; the latest is last
-            (-1, Context(model, space, camera, size, sky, self._chunk, threads))
+            (-1, Context(model, space, view.camera, size, sky, self._chunk, threads))
             for _ in range(self._num_threads)
         ]
         self._taking = Lock()
         self._pool = ThreadPoolExecutor(self._num_threads)
-        self._backdrops = Backdrops(size) if background_is_unknown else None
+        self._backdrops = Backdrops(size) if view.background_is_unknown else None
 
     def render(
         self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
@@ -145,23 +147,20 @@ class Raycaster:
 
 
 def _with_sky(
-    model: mujoco.MjModel,
-    space: ParameterSpace,
-    camera: str,
-    size: tuple[int, int],
-    plate: np.ndarray | None,
-    background_is_unknown: bool,
+    model: mujoco.MjModel, space: ParameterSpace, view: View, settings: PictureSettings
 ) -> tuple[mujoco.MjModel, np.ndarray | None]:
     """The model to draw, and (H, W) packed pixels behind it; None: its own sky, drawn.
 
     Before a plate or an unknown background most of what stands still is hidden; see `before_plate`.
     """
-    model, number = as_opengl_reads(model), model.camera(camera).id
-    if plate is not None:
+    model, camera, size = as_opengl_reads(model), view.camera, settings.points(view)
+    if view.plate is not None:
         check_stands_still(model, camera)
-        return before_plate(model, space), packed(plate)
-    if background_is_unknown:
+        k = settings.supersampling
+        return before_plate(model, space), packed(view.plate.repeat(k, 0).repeat(k, 1))
+    if view.background_is_unknown:
         return before_plate(model, space), np.full(size, _GREY, np.uint32)
+    number = model.camera(camera).id
     if can_turn(model, space, number):
         return smooth_sky(model, model.cam_fovy[number] / size[0]), None
     return model, constant_sky(model, camera, size)

@@ -1,26 +1,23 @@
 """What one thread needs to draw: its worlds for the poses, and Warp's copies of model and data."""
 
-import os
-from collections.abc import Collection
 from contextlib import nullcontext
 from functools import partial
 from threading import Lock
-from typing import Any
 
 import mujoco
 import mujoco_warp
 import numpy as np
 import warp
 from mujoco.batch import Batch
-from mujoco_warp import Data, Model, RenderContext
+from mujoco_warp import RenderContext
 
 from simtune.parameters import ModelWriter, ParameterSpace, field_of
 from simtune.simulation.rendering import packing
 from simtune.simulation.rendering.appearance import focus, kinds_of_lamps, most_matt
 from simtune.simulation.rendering.packing import packed
 from simtune.simulation.rendering.primitives.drawing import Primitives
-from simtune.simulation.rendering.sky import complete_sky
 from simtune.simulation.rendering.stray_light import StrayLight
+from simtune.simulation.rendering.warp_context import assign, draw, make_context
 from simtune.simulation.rendering.warp_model import put_model
 
 _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir")
@@ -170,61 +167,3 @@ class Context:
             drawn, field = np.ascontiguousarray(drawn), getattr(self._model, name)
             setattr(self._model, name, warp.array(drawn, dtype=field.dtype, device=field.device))
         self._written = padded
-
-
-def init_warp(device: str = "cpu") -> None:
-    """Start Warp without its output (its greeting, and that there is no CUDA), for a device."""
-    warp.config.log_level = warp.LOG_WARNING
-    stderr = os.dup(2)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)  # below Python, since the library itself prints
-    try:
-        warp.init()
-    finally:
-        os.dup2(stderr, 2)
-        os.close(stderr)
-    warp.set_device(device)
-
-
-def make_context(
-    model: mujoco.MjModel,
-    camera: str | int,
-    size: tuple[int, int],
-    tuned: Collection[str] = (),
-    **settings: Any,
-) -> RenderContext:
-    """For pictures of `size`, (height, width); `tuned`: fields that worlds differ in.
-
-    `settings`: further ones of mujoco_warp's.
-    """
-    context = mujoco_warp.create_render_context(
-        model,
-        cam_res=(size[1], size[0]),
-        cam_active=[model.camera(camera).id],
-        render_rgb=True,
-        render_depth=False,
-        render_seg=False,
-        background_color=(0.0, 0.0, 0.0, 0.0),  # packs to packing.NOTHING
-        **settings,
-    )
-    if "light_attenuation" in tuned:  # else compiled for the model's own
-        context.light_attenuation_is_default = False
-    if "light_cutoff" in tuned:
-        context.has_spot_lights = True
-    complete_sky(model, context)
-    return context
-
-
-def draw(model: Model, data: Data, context: RenderContext) -> warp.array:
-    """(nworld, H · W) packed pixels."""
-    mujoco_warp.refit_bvh(model, data, context)
-    mujoco_warp.render(model, data, context)
-    return context.rgb_data
-
-
-def assign(target: warp.array, values: np.ndarray) -> None:
-    """Values of n worlds to the first n of Warp's own."""
-    if values.size:
-        shape = (len(values), *target.shape[1:], *target.dtype._shape_)
-        values = np.ascontiguousarray(values, np.float32).reshape(shape)
-        target[: len(values)].assign(values)

@@ -5,17 +5,17 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
+from simtune.cameras.views import View
 from simtune.errors import InputError
-from simtune.names import RendererName
 from simtune.parameters import ParameterSpace
-from simtune.simulation.rendering.opengl_quality import OPENGL_FAST, OpenGLQuality
+from simtune.simulation.rendering.picture_settings import PictureSettings
 from simtune.simulation.rendering.stray_light import StrayLight
 
 
 class Renderer(Protocol):
     """Draws pictures of one model from one camera, each of its own world."""
 
-    size: tuple[int, int]  # (height, width), pixels
+    size: tuple[int, int]  # (height, width), in points; see `PictureSettings`
 
     def render(
         self, states: np.ndarray, parameters: np.ndarray, stray: StrayLight | None = None
@@ -32,43 +32,27 @@ class Renderer(Protocol):
 
 
 def make_renderer(
-    name: RendererName,
-    model: mujoco.MjModel,
-    space: ParameterSpace,
-    camera: str,
-    size: tuple[int, int],
-    quality: OpenGLQuality = OPENGL_FAST,
-    plate: np.ndarray | None = None,
-    background_is_unknown: bool = False,
-    device: str = "cpu",
+    model: mujoco.MjModel, space: ParameterSpace, view: View, settings: PictureSettings
 ) -> Renderer:
-    """The renderer with this name, for pictures of `size`, (height, width).
+    """The settings' renderer, for pictures of one view.
 
-    The ray caster has no `quality`; only it supports a `plate`, (height, width, 3) uint8, an
-    unknown background (OpenGL draws the model's own), and a `device`: cpu, cuda or cuda:N.
+    Only the ray caster supports a plate, an unknown background (OpenGL draws the model's own), and
+    a device.
 
-    Raises InputError for an unknown name or camera, for OpenGL if there is none, and for a plate
-    with a camera that moves.
+    Raises InputError for an unknown renderer or camera, for OpenGL if there is none, and for a
+    plate with a camera that moves.
     """
-    if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera) < 0:
-        raise InputError(f"the model has no camera {camera!r}")
+    if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, view.camera) < 0:
+        raise InputError(f"the model has no camera {view.camera!r}")
     # Imported only when asked for: Warp and OpenGL are slow or noisy to load.
-    if name == "raycaster":
+    if settings.renderer == "raycaster":
         from simtune.simulation.rendering.raycaster import Raycaster
 
-        return Raycaster(
-            model,
-            space,
-            camera,
-            size,
-            plate=plate,
-            background_is_unknown=background_is_unknown,
-            device=device,
-        )
-    if name == "opengl":
-        if plate is not None:
+        return Raycaster(model, space, view, settings)
+    if settings.renderer == "opengl":
+        if view.plate is not None:
             raise ValueError("OpenGL draws no plate")
         from simtune.simulation.rendering.opengl import OpenGLRenderer
 
-        return OpenGLRenderer(model, space, camera, size, quality)
-    raise InputError(f"no renderer {name!r}; there are: raycaster, opengl")
+        return OpenGLRenderer(model, space, view, settings)
+    raise InputError(f"no renderer {settings.renderer!r}; there are: raycaster, opengl")

@@ -61,13 +61,12 @@ def smooth_sky(model: mujoco.MjModel, pixel_deg: float) -> mujoco.MjModel:
     """
     model = copy.copy(model)
     for texture in np.flatnonzero(model.tex_type == _SKYBOX):
-        width, height = model.tex_width[texture], model.tex_height[texture]
+        texels = texture_pixels(model, int(texture))  # in place
+        _, width, channels = texels.shape
         side = round(width * pixel_deg / 90)  # a face has 90°
         if side > 1:
-            start = model.tex_adr[texture]
-            texels = slice(start, start + height * width * model.tex_nchannel[texture])
-            faces = model.tex_data[texels].reshape(height // width, width, width, -1)
-            model.tex_data[texels] = _average_squares(faces, side).ravel()
+            faces = texels.reshape(-1, width, width, channels)
+            faces[:] = _average_squares(faces, side)
     return model
 
 

@@ -6,7 +6,7 @@ import mujoco
 
 from simtune.simulation import DirectActions, JointActions, MapActions, MocapActions, ScaledActions
 from simtune.tasks.tuning_file.object_names import find_objects
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 
 _MAPPINGS = ("direct", "scaled", "joints", "mocap")
 

@@ -6,7 +6,7 @@ import numpy as np
 from simtune.parameters.joint_types import HINGE_OR_SLIDE
 from simtune.simulation.prepare import lift_limit
 from simtune.tasks.tuning_file.object_names import find_objects
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 
 # The model's own actuators may have gears etc. by default, which a table does not ask for
 _PLAIN = {
@@ -56,11 +56,9 @@ def _add(
     index = model.joint(joint).id
     if model.jnt_type[index] not in HINGE_OR_SLIDE:
         raise entry.error(f"a servo moves a hinge or a slide, and {joint!r} is neither", "joint")
-    kv = entry.number("kv", 0.0)
-    if kv < 0:
-        raise entry.error(f"kv must be at least 0, got {kv:g}", "kv")
     servo = spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, **_PLAIN)
-    servo.set_to_position(kp=entry.number("kp", above=0), kv=kv)
+    kp, kv = entry.number("kp", above=0), entry.number("kv", 0.0, least=0)
+    servo.set_to_position(kp=kp, kv=kv)
     is_limited = entry.flag("limited", default=True) and bool(model.jnt_limited[index])
     servo.ctrllimited = is_limited
     if is_limited:

@@ -5,7 +5,7 @@ import numpy as np
 
 from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_objects
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 
 _USUAL_RAD = 0.01  # play of a hobby servo, about half a degree; slides have no default
 _HARD = 2.0  # timesteps: the shortest time constant of a limit that MuJoCo accepts

@@ -11,7 +11,7 @@ from simtune.tasks.tuning_file.camera_sensor import add_plain_camera, has_sensor
 from simtune.tasks.tuning_file.footage import KEYS as FOOTAGE
 from simtune.tasks.tuning_file.footage import read_footage
 from simtune.tasks.tuning_file.region import own_fovy_deg, read_region, turn
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 
 _ORTHOGRAPHIC = mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC
 _POSE = ("position_m", "look_at_m", "up", "quat", "field_of_view_deg", "body")
@@ -176,11 +176,7 @@ def _posed(table: TomlTable) -> FilmingCamera:
             raise table.error(
                 f"the camera looks along up = {list(up)}: give the up of its picture", key
             )
-    fovy_deg = table.number("field_of_view_deg", 45.0, above=0)
-    if fovy_deg >= 180:
-        raise table.error(
-            f"field_of_view_deg must be below 180, got {fovy_deg:g}", "field_of_view_deg"
-        )
+    fovy_deg = table.number("field_of_view_deg", 45.0, above=0, below=180)
     if fovy_deg < _NARROWEST_DEG:
         raise table.error(
             f"field_of_view_deg is in degrees, got {fovy_deg:g}; in radians that would be "

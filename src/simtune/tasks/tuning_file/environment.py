@@ -10,8 +10,8 @@ from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.environment_task import EnvironmentTask
 from simtune.tasks.task import MOST_STEPS
 from simtune.tasks.tuning_file.parameters import parameter_name
-from simtune.tasks.tuning_file.toml_table import TomlTable, usual_name
 from simtune.tasks.tuning_file.user_code import is_in_file, load_user_code
+from simtune.toml_reading import TomlTable, usual_name
 
 _KEYS = ("environment", "name", "description", "control_timestep_s", "episode_steps", "parameters")
 _PARAMETER_KEYS = ("name", "nominal", "low", "high", "scale", "unit", "shows_in")

@@ -9,7 +9,7 @@ import numpy as np
 from simtune.parameters.inferred import write_down_springs
 from simtune.tasks.tuning_file.fixed_pose import keep_ties, move_bodies
 from simtune.tasks.tuning_file.object_names import find_keyframe, find_objects
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 
 _TRN, _OBJ, _EQ = mujoco.mjtTrn, mujoco.mjtObj, mujoco.mjtEq
 

@@ -9,8 +9,7 @@ import yaml
 from simtune.cameras.footage import Footage
 from simtune.cameras.lens import Lens
 from simtune.errors import InputError
-from simtune.tasks.tuning_file.latency import read_latency_s
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 from simtune.validate import is_number
 
 KEYS = ("key", "background", "intrinsics", "distortion", "calibration", "region", "latency_s")
@@ -24,7 +23,7 @@ def read_footage(table: TomlTable) -> Footage:
         key=table.text("key", None),
         lens=_lens(table),
         background=_background(table),
-        latency_s=read_latency_s(table),
+        latency_s=table.number("latency_s", 0.0, least=0, most=1),
     )
 
 

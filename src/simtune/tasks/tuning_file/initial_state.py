@@ -4,12 +4,12 @@ import mujoco
 import numpy as np
 
 from simtune.errors import UnknownName
-from simtune.parameters.backlash import driven_through
+from simtune.parameters.backlash_joints import driven_through
 from simtune.parameters.joint_types import FREE, HINGE, HINGE_OR_SLIDE, SLIDE
 from simtune.simulation.ties import dofs_of_ties
 from simtune.tasks.tuning_file.object_names import find_keyframe
 from simtune.tasks.tuning_file.start import Spread, Start
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 
 _KINDS = ("recording", "distribution", "keyframe")
 # Share of the model's extent: unlimited slides and free joints start within it of their pose

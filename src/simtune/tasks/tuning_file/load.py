@@ -12,7 +12,7 @@ from simtune.tasks.tuning_file.of_built_in import read_built_in
 from simtune.tasks.tuning_file.parameters import read_known_colours, read_parameters
 from simtune.tasks.tuning_file.policy import read_policy
 from simtune.tasks.tuning_file.sensors import read_sensors
-from simtune.tasks.tuning_file.toml_table import TomlTable, usual_name
+from simtune.toml_reading import TomlTable, usual_name
 
 _KEYS = ("model", "name", "description", "camera", "cameras", "control_timestep_s", "action_repeat")
 _KEYS += ("episode_steps", "fixed_joints", "fixed_pose", "actuators", "actions", "initial_state")

@@ -12,8 +12,8 @@ from simtune.tasks.tuning_file.backlash import add_backlash
 from simtune.tasks.tuning_file.camera_sensor import use_fields_of_view
 from simtune.tasks.tuning_file.fixed_joints import fix_joints
 from simtune.tasks.tuning_file.name_all import name_all
-from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.tasks.tuning_file.urdf import find_packages, read_urdf
+from simtune.toml_reading import TomlTable
 
 _PART = "mujocoinclude"  # the element of an included file
 

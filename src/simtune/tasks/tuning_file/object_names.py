@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from simtune.errors import InputError, UnknownName
-from simtune.parameters.backlash import driven_through
+from simtune.parameters.backlash_joints import driven_through
 from simtune.parameters.field import OBJECT_TYPES
 from simtune.parameters.fields import OF_JOINTS
 

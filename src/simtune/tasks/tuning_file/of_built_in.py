@@ -13,7 +13,7 @@ from simtune.tasks.task import Task
 from simtune.tasks.tuning_file.camera import add_cameras
 from simtune.tasks.tuning_file.name_all import name_all
 from simtune.tasks.tuning_file.parameters import read_known_colours, read_parameters
-from simtune.tasks.tuning_file.toml_table import TomlTable, usual_name
+from simtune.toml_reading import TomlTable, usual_name
 
 _KEYS = ("task", "name", "description", "camera", "cameras", "parameters")
 

@@ -24,8 +24,8 @@ from simtune.tasks.tuning_file.field_defaults import (
 )
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.tasks.tuning_file.possible_shapes import check_inertia, check_sizes, usual_range
-from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.tasks.tuning_file.units import usual_unit
+from simtune.toml_reading import TomlTable
 
 _NUMBERS = ("nominal", "low", "high", "scale", "unit")
 _ALL = ("name", "kind", "field", "objects", "component", *_NUMBERS, "within_m", "within_rad")

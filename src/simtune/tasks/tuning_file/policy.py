@@ -12,8 +12,8 @@ from simtune.errors import InputError, UnknownName, blame
 from simtune.parameters.joint_types import HINGE_OR_SLIDE
 from simtune.tasks.batch_state import computed
 from simtune.tasks.tuning_file.object_names import find_objects
-from simtune.tasks.tuning_file.toml_table import TomlTable
 from simtune.tasks.tuning_file.user_code import load_user_code
+from simtune.toml_reading import TomlTable
 
 _GOALS = ("reward", "success")
 _KEYS = (*_GOALS, "success_steps", "steps", "free_joints", "symmetric_hinges")

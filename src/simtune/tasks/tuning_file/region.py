@@ -9,7 +9,7 @@ import mujoco
 from simtune.cameras.lens import Lens
 from simtune.errors import InputError
 from simtune.tasks.tuning_file.camera_sensor import add_plain_camera
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 
 
 def read_region(table: TomlTable, lens: Lens | None, fovy_deg: float) -> Lens | None:

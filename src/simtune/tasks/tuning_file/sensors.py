@@ -4,11 +4,10 @@ import mujoco
 import numpy as np
 
 from simtune.observation import JointSensor
-from simtune.parameters.backlash import play_of
+from simtune.parameters.backlash_joints import play_of
 from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
-from simtune.tasks.tuning_file.latency import read_latency_s
 from simtune.tasks.tuning_file.object_names import find_objects
-from simtune.tasks.tuning_file.toml_table import TomlTable
+from simtune.toml_reading import TomlTable
 from simtune.units import PER_RAD_OR_M, TURNS
 
 _KEYS = ("name", "columns", "joints", "quantity", "unit", "gain", "noise", "offset")
@@ -71,7 +70,7 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         shift=shift,
         noise=None if noise is None else noise / np.abs(factor),
         offset=None if offset is None else offset / factor,
-        latency_s=read_latency_s(entry),
+        latency_s=entry.number("latency_s", 0.0, least=0, most=1),
         endless=None if is_velocity else _endless(model, ids),
     )
 

@@ -9,6 +9,7 @@ from mujoco.batch import Batch
 
 from simtune.errors import InputError
 from simtune.simulation.held_controls import HeldControls
+from simtune.simulation.states import turned_about_vertical
 
 _MAX_ATTEMPTS = 300
 _POS = mujoco.mjtStage.mjSTAGE_POS.value
@@ -62,7 +63,8 @@ class Start:
             for spread in self.turns:
                 angle = rng.uniform(spread.low, spread.high, len(ids))
                 quaternion = slice(spread.index, spread.index + 4)
-                batch.qpos[ids, quaternion] = _turned(pose[ids, quaternion], angle)
+                turned = turned_about_vertical(pose[ids, quaternion], angle)
+                batch.qpos[ids, quaternion] = turned
             batch.forward(ids, stage=_POS)
             ids = ids[num_contacts[ids] > allowed[ids]]
             if self.may_touch or not ids.size:
@@ -72,10 +74,3 @@ class Start:
             f"{self.where}: in each of {_MAX_ATTEMPTS} starts drawn, things touch that do not in "
             "the pose drawn around: narrow [initial_state.joints], or say may_touch = true"
         )
-
-
-def _turned(quaternions: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """(n, 4) quaternions w, x, y, z rotated by (n,) rad about the world's z axis."""
-    cos, sin = np.cos(angle / 2), np.sin(angle / 2)
-    w, x, y, z = quaternions.T
-    return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], 1)

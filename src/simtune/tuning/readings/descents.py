@@ -10,7 +10,8 @@ import math
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings
+from simtune.fit import Descent, Guess, OutputErrorMethod, Readings
+from simtune.fit.lateness import sooner_unit, steps_late
 from simtune.random_streams import Purpose, stream
 from simtune.tuning.readings.agreement import CLEARLY_BETTER, two_agree
 from simtune.tuning.readings.horizons import AT_LATENCY, Horizon, Horizons, Latency, longest_latency
@@ -39,8 +40,8 @@ class ReadingsDescents:
         self._method, self._readings, self._step_s, self._seed = method, readings, step_s, seed
         self._bounds, self._horizons = bounds, horizons
         self._followed_s = math.inf  # see `_measure_followed`
-        # The first descent of each stage, by (steps, at_most): others begin with its derivatives
-        self._near = dict[tuple[int | None, int | None], Descent]()
+        # The first descent of each stage, by steps and stretches: others begin with its derivatives
+        self._near = dict[tuple[int, int], Descent]()
 
     def begin(self, first_guess: np.ndarray) -> list[Guess]:
         """The first guess, (N,) in unit coordinates, and random ones for the first horizon."""
@@ -58,9 +59,7 @@ class ReadingsDescents:
 
         Stretches that are longer lead astray: a robot that a controller balances falls in them.
         """
-        few = Readings(
-            self._readings.actions[:_HORIZON_EPISODES], self._readings.values[:_HORIZON_EPISODES]
-        )
+        few = self._readings.first(episodes=_HORIZON_EPISODES)
         steps = self._method.followed(few, guess).steps
         if not steps.any():
             return 0.0
@@ -76,16 +75,16 @@ class ReadingsDescents:
         horizons = self._growing_to(to_s)
         for number, horizon in enumerate(horizons):
             budget.report(f"fitting stretches of {horizon.seconds:g} s", number / len(horizons))
-            stage = horizon.stage(self._horizons.iterations, self._step_s)
+            stage = horizon.stage(self._horizons.iterations, readings, self._step_s)
             # If two agree, others are not better
             followed = guesses[: 2 if two_agree(ended) else horizon.guesses]
             ended = []
             for guess in followed:
                 if two_agree(ended) and budget.spent > _HURRY_TIME_SHARE:
                     break
-                near = self._near.get(stretches := (stage.steps, stage.at_most))
+                near = self._near.get(alike := (horizon.steps(self._step_s), horizon.stretches))
                 ended.append(self._method.descend(readings, guess, stage, budget, near))
-                self._near.setdefault(stretches, ended[0])
+                self._near.setdefault(alike, ended[0])
             ended.sort(key=lambda descent: descent.log_rms)
             guesses = [descent.guess for descent in ended]
         return ended
@@ -106,8 +105,9 @@ class ReadingsDescents:
         half = budget.part(budget.seconds_left / 2, (0.0, 0.5))  # the rest is to look for it
         grown = self.grow([guess], half, to_s=AT_LATENCY.seconds)[0]
         horizon = self._growing_to(AT_LATENCY.seconds)[-1]
-        stage = horizon.stage(self._horizons.latency_iterations, self._step_s)
-        longest = longest_latency(self._readings, self._step_s)
+        iterations, step_s = self._horizons.latency_iterations, self._step_s
+        longest = longest_latency(self._readings, step_s)
+        stage = horizon.stage(iterations, self._readings, step_s)
         best = self._method.descend(self._readings, grown.guess, stage, budget, grown)
         steps, is_known = 0, not best.is_cut_off
         for number in range(1, longest + 1):
@@ -116,13 +116,14 @@ class ReadingsDescents:
             budget.report("looking for a delay", number / longest)
             late = self._readings.delayed(number)
             begin = sooner(self._method, best.guess, number - steps)
+            stage = horizon.stage(iterations, late, step_s)
             descent = self._method.descend(late, begin, stage, budget, best)
             is_known = not descent.is_cut_off
             if descent.log_rms < best.log_rms - CLEARLY_BETTER:
                 best, steps = descent, number
             elif number > steps + 2:
                 break
-        left = float(Lateness.steps(best.unit[-1])) if self._method.has_lateness else 0.0
+        left = float(steps_late(best.unit[-1])) if self._method.has_lateness else 0.0
         more = int(left > MOST_LEFT) - int(left < -MOST_LEFT and steps > 0)
         return sooner(self._method, best.guess, more), Latency(steps + more, is_known)
 
@@ -131,5 +132,5 @@ def sooner(method: OutputErrorMethod, guess: Guess, steps: int) -> Guess:
     """A guess with so many steps less of a lateness, if `method` fits that."""
     if not method.has_lateness:
         return guess
-    lateness = Lateness.shifted(guess.unit[-1], steps)
+    lateness = sooner_unit(guess.unit[-1], steps)
     return guess._replace(unit=np.append(guess.unit[:-1], lateness))

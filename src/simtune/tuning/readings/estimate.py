@@ -25,7 +25,7 @@ from simtune.fit import (
     correlated_pairs,
     set_up_loop,
 )
-from simtune.observation import advanced, finds_offset, joints_of
+from simtune.observation import advanced, finds_offset
 from simtune.randomization import Distribution
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory, delayed
@@ -53,7 +53,7 @@ def search_of(
     walker's torso: windows are replayed then, of which pictures show the states, too.
     """
     simulator, seen = context.simulator, context.observation
-    is_readable = bool(joints_of(seen.sensors)) and not simulator.space.is_appearance.all()
+    is_readable = bool(seen.sensors) and not simulator.space.is_appearance.all()
     if not is_readable or not isinstance(simulator, Simulator):
         return None
     search = ReadingsSearch(context)

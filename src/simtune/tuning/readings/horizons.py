@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from simtune.fit import FEWEST_STEPS, Readings, ReplayStage
+from simtune.fit.readings.segments import Segments
 
 _LONGEST_LATENCY_S = 0.5
 
@@ -18,10 +19,14 @@ class Horizon(NamedTuple):
         """Of all steps of the episodes, those that lie in its stretches."""
         return min(self.seconds / step_s * self.stretches / steps, 1.0)
 
-    def stage(self, iterations: int, step_s: float) -> ReplayStage:
+    def steps(self, step_s: float) -> int:
+        """Of a stretch."""
+        return max(FEWEST_STEPS, round(self.seconds / step_s))
+
+    def stage(self, iterations: int, readings: Readings, step_s: float) -> ReplayStage:
         """So many iterations at it."""
-        steps = max(FEWEST_STEPS, round(self.seconds / step_s))
-        return ReplayStage(iterations, steps, self.stretches)
+        segments = Segments.evenly(readings, self.steps(step_s), self.stretches)
+        return ReplayStage(iterations, segments)
 
 
 # Shares of the iterations that are made, and latencies that are tried, usually

@@ -14,7 +14,6 @@ single round:
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,19 +24,18 @@ from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.fit import (
     FEWEST_STEPS,
-    MOST_EPISODES,
-    Lateness,
     OpenLoopReplay,
     OutputErrorMethod,
     Readings,
     recorded_loop,
     where_starts_show,
 )
+from simtune.fit.lateness import late_unit
 from simtune.fit.readings.weak_directions import MOST_WORLDS
-from simtune.observation import finds_offset, joints_of
+from simtune.observation import finds_offset
 from simtune.simulation import Simulator
 from simtune.trajectory import Trajectory
-from simtune.tuning.pace import slow_steps
+from simtune.tuning.pace import MOST_REPLAYED, slow_steps
 from simtune.tuning.readings.agreement import BestDescent
 from simtune.tuning.readings.descents import ReadingsDescents
 from simtune.tuning.readings.horizons import Horizons, Latency, longest_latency
@@ -60,21 +58,14 @@ _JUDGING_SHARE = 0.15  # of the time left for whole episodes
 _JUDGING_TIME, _WHOLE_SEARCH_TIME, _CHECK_TIME = 1.2, 15.0, 1.5
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReadingsConfig:
-    """Settings of the search."""
-
-    horizons: Horizons = field(default_factory=Horizons)
-    # As of other searches, but it decides only what is said at the end: the search ends as soon as
-    # two fits agree, and another round could add nothing to that
-    precision: float = 0.01
-
-
 class ReadingsSearch(Search):
     """Uses joint readings only."""
 
-    def __init__(self, context: SearchContext, config: ReadingsConfig | None = None):
-        """Raises InputError without a MuJoCo model, or if readings could show no parameter.
+    def __init__(self, context: SearchContext, precision: float = 0.01):
+        """`precision`: as of other searches, but it decides only what is said at the end.
+
+        The search ends as soon as two fits agree, and another round could add nothing to that.
+        Raises InputError without a MuJoCo model, or if readings could show no parameter.
 
         Parameters that only pictures show are left as they are, even if there is a camera.
         """
@@ -84,7 +75,8 @@ class ReadingsSearch(Search):
         shown = [p.name for p in simulator.space if p.is_appearance]
         if len(shown) == len(simulator.space):
             raise InputError(f"{shown[0]} shows in pictures only, and no camera is looked at")
-        self.config, self.context, self._simulator = config or ReadingsConfig(), context, simulator
+        self.context, self._simulator = context, simulator
+        self._precision, self._horizons = precision, Horizons()
         self.first = self.distribution = context.first
         self._stop_reason = ""
         # Seconds of all derivatives of whole episodes, as descents and as the end take them, once
@@ -110,18 +102,18 @@ class ReadingsSearch(Search):
         """The smallest sound round derives once at each horizon, and twice in whole episodes."""
         readings, loop = self.look_at(real)
         unit, method = self._begin(loop), self._method(loop)
-        stretches = loop.cut(readings, unit, np.zeros(loop.measured.num_readings))
+        stretches = loop.cut(readings, unit)
         began_s, touches = time.monotonic(), loop.touches(stretches, unit)
         if not loop.may_touch:  # else it was played for that
             loop.play(stretches, stretches.states[None], unit[None])
         once_s, steps = time.monotonic() - began_s, sum(map(len, real))
         self._derived_s = method.num_worlds(touches) * once_s
         self._judged_s = (method.num_worlds(True) + MOST_WORLDS) * once_s
-        horizons, step_s = self.config.horizons, self._simulator.step_s
+        horizons, step_s = self._horizons, self._simulator.step_s
         grown = sum(h.share(steps, step_s) for h in horizons.growing)
         least_s = (grown + 2) * self._derived_s
         searched = _WHOLE_SEARCH_TIME + horizons.derivatives(steps, step_s, self._may_be_late)
-        checked = _CHECK_TIME * min(1.0, MOST_EPISODES / len(real))
+        checked = _CHECK_TIME * min(1.0, MOST_REPLAYED / len(real))
         return TimeNeeded(
             least_s,
             max(least_s, searched * self._derived_s),
@@ -144,7 +136,7 @@ class ReadingsSearch(Search):
 
     def _why_over(self, fit: ReadingsResult) -> str:
         """Of a search that had the time for all its fits."""
-        precision = self.config.precision
+        precision = self._precision
         is_known = is_precise(half_widths(fit.estimate, self.first), precision)
         if precision and is_known and fit.found.is_sure:
             return f"every parameter is known to {100 * precision:g} %"
@@ -173,7 +165,7 @@ class ReadingsSearch(Search):
             np.append(np.where(space.is_appearance, begin[:num], space.to_unit(end)), begin[num:])
             for end in (self.first.low, self.first.high)
         )
-        fits = ReadingsDescents(method, readings, step_s, (low, high), self.config.horizons, seed)
+        fits = ReadingsDescents(method, readings, step_s, (low, high), self._horizons, seed)
         guesses, latency = fits.begin(begin), Latency()
         if self._may_be_late:
             part = budget.part(budget.seconds_left / 4, (0.0, 0.1))
@@ -184,7 +176,7 @@ class ReadingsSearch(Search):
         searching_s = min((1 - _JUDGING_SHARE) * left_s, left_s - _JUDGING_TIME * self._judged_s)
         part = budget.part(searching_s, (0.4, 0.9))
         longest = longest_latency(readings, step_s)
-        whole = WholeFits(method, readings, low < high, self.config.horizons, longest, seed)
+        whole = WholeFits(method, readings, low < high, self._horizons, longest, seed)
         return whole.fit_until_two_agree(ended, latency, part)
 
     def _method(self, loop: OpenLoopReplay) -> OutputErrorMethod:
@@ -195,7 +187,7 @@ class ReadingsSearch(Search):
 
         In a round after another one, which was short of time, that is what it found.
         """
-        on_time = [] if loop.lateness is None else [Lateness.unit(0.0)]
+        on_time = [] if loop.lateness is None else [late_unit(0.0)]
         return np.append(self.first.space.to_unit(self.distribution.mean), on_time)
 
     @property
@@ -206,7 +198,7 @@ class ReadingsSearch(Search):
     def look_at(self, real: list[Trajectory]) -> tuple[Readings, OpenLoopReplay]:
         """Readings of these episodes, and what replays them."""
         seen = self.context.observation
-        readings = Readings.of(real, joints_of(seen.sensors))
+        readings = Readings.of(real, seen.sensors)
         loop = recorded_loop(self._simulator, seen, self.context.start, readings)
         loop = loop.with_lateness() if self._may_be_late else loop
         return readings, where_starts_show(loop, readings, self._begin(loop))

@@ -10,7 +10,7 @@ from simtune.fit.lateness import is_too_late
 from simtune.fit.readings.replay_objective import PRIOR_STD
 from simtune.fit.result import block_correlation, diluted
 from simtune.normal import STDS_90
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.randomization import Distribution
 from simtune.tuning.estimate import Estimate
@@ -58,7 +58,7 @@ def conclude(
     unmeasured: Unmeasured,
 ) -> ReadingsResult:
     """What a fit within the `first` range tells, and how far it can be trusted."""
-    space, sensors = first.space, joints_of(observation.sensors)
+    space, sensors = first.space, observation.sensors
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
     reasons = int(not found.is_sure) * (1 + int(off.any()))
     std, correlation = _errors(judged, found, space, observation, _UNSURE_FACTOR**reasons)

@@ -13,7 +13,7 @@ from simtune.fit import (
     delay_warnings,
     timestep_warning,
 )
-from simtune.observation import ObservationModel, joints_of
+from simtune.observation import ObservationModel
 from simtune.parameters import ParameterSpace
 from simtune.tuning.readings.agreement import BestDescent, unexplained, untested
 from simtune.tuning.readings.horizons import Latency
@@ -92,7 +92,7 @@ def all_warnings(
     """Of a fit with errors of (N,) `std` in unit coordinates; the rest as in `conclude`."""
     unseen, left_out = unmeasured
     late_s = {READINGS: (judged.late_steps[0] * step_s, judged.late_steps[1] * step_s)}
-    sensors = joints_of(observation.sensors)
+    sensors = observation.sensors
     off, may_be_off = unexplained(judged.noise, sensors), untested(judged.noise, sensors)
     is_futile = bool(unseen) or off.mean() > _MAX_OFF_SHARE  # to look at single parameters
     # What the timestep changes by more than all other errors
@@ -130,7 +130,7 @@ def _of_misfit(
     noise: np.ndarray, observation: ObservationModel, left_out: Sequence[str]
 ) -> list[str]:
     """Of readings whose residuals, (D,), are `unexplained`, and of those that are `untested`."""
-    warnings, sensors = [], joints_of(observation.sensors)
+    warnings, sensors = [], observation.sensors
     for said, which in ((_UNEXPLAINED, unexplained), (_UNTESTED, untested)):
         labels = _labels(observation, which(noise, sensors))
         warnings += [said.format(", ".join(labels))] if labels else []

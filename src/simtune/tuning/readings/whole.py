@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit import Descent, Guess, Lateness, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit import Descent, Guess, OutputErrorMethod, Readings, ReplayStage
+from simtune.fit.lateness import steps_late
 from simtune.fit.readings.segments import Segments
 from simtune.observation import declared_noise
 from simtune.random_streams import Purpose, stream
@@ -29,10 +30,10 @@ _ONE_WAY_FITS = 2  # of these start with all parameters higher or all lower
 
 
 class _Whole(NamedTuple):
-    """A fit to whole episodes, the stage of others to the same segments, the seconds it took."""
+    """A fit to whole episodes, what of them others are to fit, and the seconds it took."""
 
     descent: Descent
-    stage: ReplayStage
+    segments: Segments
     took_s: float
 
 
@@ -62,7 +63,7 @@ class WholeFits:
         while further := self._step_on(whole, latency, budget):
             whole, latency = further
             readings, ended = self.readings.delayed(latency.steps), [whole.descent]
-        first, stage, took_s = whole
+        first, segments, took_s = whole
         rng, fits = stream(self.seed, Purpose.WHOLE_EPISODES), [first]
         most = _FEW_FITS if self._is_enough(ended) else self.horizons.most_fits
         while len(fits) < most:
@@ -72,7 +73,7 @@ class WholeFits:
             budget.report("replaying whole episodes", len(fits) / self.horizons.most_fits)
             # Next to the best, since other candidates may lie elsewhere in the same valley
             guess = self._start_near(best, rng, len(fits) <= _ONE_WAY_FITS)
-            fits.append(self.method.descend(readings, guess, stage, budget, best))
+            fits.append(self._descend(readings, guess, segments, budget, best))
         is_whole = agree(fits, self.moving) or not self._is_enough(ended)
         found = best_of(fits if is_whole else ended, self.moving, is_whole)
         lacked_time = not found.is_sure and len(fits) < most
@@ -87,17 +88,15 @@ class WholeFits:
         """
         if not self.method.has_lateness or budget.seconds_left <= whole.took_s:
             return None
-        left = float(Lateness.steps(whole.descent.unit[-1]))
+        left = float(steps_late(whole.descent.unit[-1]))
         more = int(np.sign(left)) if abs(left) > MOST_LEFT else 0
         steps = latency.steps + more
         if not more or not 0 <= steps <= self.longest_latency:
             return None
         guess = sooner(self.method, whole.descent.guess, more)
         further = self._first_whole(self.readings.delayed(steps), guess, budget)
-        its, were = further.stage.segments, whole.stage.segments
-        are_alike = its is not None and were is not None and its.are(were)
         gain = whole.descent.log_rms - further.descent.log_rms
-        is_better = gain > (0 if are_alike else CLEARLY_BETTER)
+        is_better = gain > (0 if further.segments.are(whole.segments) else CLEARLY_BETTER)
         return (further, latency._replace(steps=steps)) if is_better else None
 
     def _first_whole(self, readings: Readings, guess: Guess, budget: Budget) -> _Whole:
@@ -111,8 +110,7 @@ class WholeFits:
         segments, fits = self.method.follow(readings, guess), list[tuple[Segments, Descent]]()
         while True:
             left_s = budget.seconds_left
-            stage = ReplayStage(self.horizons.whole_iterations, segments=segments)
-            descent = self.method.descend(readings, guess, stage, budget)
+            descent = self._descend(readings, guess, segments, budget)
             took_s = left_s - budget.seconds_left
             fits.append((segments, descent))
             guess = descent.guess
@@ -120,7 +118,18 @@ class WholeFits:
             before = [fit for fit in fits if fit[0].are(segments)]
             if before or len(fits) == _MOST_CUTS or budget.seconds_left <= 2 * took_s:
                 segments, descent = (before or fits)[-1]
-                return _Whole(descent, stage._replace(segments=segments), took_s)
+                return _Whole(descent, segments, took_s)
+
+    def _descend(
+        self,
+        readings: Readings,
+        guess: Guess,
+        segments: Segments,
+        budget: Budget,
+        near: Descent | None = None,
+    ) -> Descent:
+        stage = ReplayStage(self.horizons.whole_iterations, segments, goes_on=True)
+        return self.method.descend(readings, guess, stage, budget, near)
 
     def _is_found(self, fits: list[Descent], best: Descent) -> bool:
         """Whether fits to whole episodes agree and leave no more than noise."""

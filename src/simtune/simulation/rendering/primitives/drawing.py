@@ -14,11 +14,15 @@ import warp as wp
 from mujoco_warp import Data, GeomType, Model, RenderContext
 from mujoco_warp._src.render_util import texture_pixels
 
-from simtune.simulation.rendering.primitives import kernel, scene
+from simtune.simulation.rendering.primitives import gather, kernel
+from simtune.simulation.rendering.primitives.gather import (
+    Surroundings,
+    gather_geoms,
+    gather_lights,
+)
 from simtune.simulation.rendering.primitives.geoms import Geom
 from simtune.simulation.rendering.primitives.kernel import Stray, draw
 from simtune.simulation.rendering.primitives.light import DIRECTIONAL, Light
-from simtune.simulation.rendering.primitives.scene import Surroundings, gather_geoms, gather_lights
 from simtune.simulation.rendering.stray_light import StrayLight
 
 _MAX_GEOMS = 64  # as many as bits; with more, a search tree is faster than to test each
@@ -45,7 +49,7 @@ class Primitives:
 
     def __init__(self, model: mujoco.MjModel, context: RenderContext):
         self._device = device = context.rgb_data.device
-        for module in (scene, kernel):
+        for module in (gather, kernel):
             wp.load_module(module, device=device)  # compiles it
         self._context = context
         self._camera = int(context.cam_id_map.numpy()[0])

@@ -153,6 +153,40 @@ def _nearest(
     return hit, nearest, normal
 
 
+@wp.func
+def _zoomed(ray: wp.vec3, zoom: float):
+    """A camera's ray, in its frame, at another field of view than the nominal one."""
+    if zoom == 1.0:
+        return ray
+    return wp.normalize(wp.vec3(ray[0] * zoom, ray[1] * zoom, ray[2]))
+
+
+@wp.func
+def _seen(
+    geoms: wp.array2d[Geom],
+    lights: wp.array2d[Light],
+    stray: Stray,
+    texels: wp.array[wp.vec3],
+    world: int,
+    hit: int,
+    point: wp.vec3,
+    normal: wp.vec3,
+    direction: wp.vec3,
+    eye: wp.vec3,
+):
+    """What reaches the eye along a ray that meets a geom; a plane mirrors others."""
+    light = _shade(geoms, lights, stray, texels, world, hit, point, normal, eye)
+    if stray.mirror > 0.0 and geoms[world, hit].kind == GeomType.PLANE:
+        mirrored = direction - 2.0 * wp.dot(direction, normal) * normal
+        start = point + _OFFSET_M * normal
+        seen, away, facing = first_hit(geoms, world, start, mirrored, ENDLESS)
+        if seen >= 0:
+            image = start + mirrored * away
+            its = _shade(geoms, lights, stray, texels, world, seen, image, facing, start)
+            light = wp.lerp(light, its, stray.mirror)
+    return light
+
+
 @wp.kernel
 def draw(
     rays: wp.array[wp.vec3],
@@ -185,30 +219,20 @@ def draw(
         across = wp.normalize(wp.vec3(0.0, -first[2], zooms[world] * first[1]))
         met = _met_by_row(geoms, world, orientation @ across)
     for pixel in range(part * run, (part + 1) * run):
-        local = rays[pixel]
-        if zooms[world] != 1.0:
-            local = wp.normalize(
-                wp.vec3(local[0] * zooms[world], local[1] * zooms[world], local[2])
-            )
+        local = _zoomed(rays[pixel], zooms[world])
         direction = orientation @ local
         ahead = wp.max(-local[2], 1e-6)
         hit, distance, normal = _nearest(
             geoms, world, met, origin, direction, near / ahead, far / ahead
         )
-        if hit < 0:
+        if hit >= 0:
+            point = origin + direction * distance
+            stray = strays[world]
+            light = _seen(
+                geoms, lights, stray, texels, world, hit, point, normal, direction, origin
+            )
+            pixels[world, pixel] = _pack(light)
+        elif sky >= 0:
+            pixels[world, pixel] = _pack(render.sample_skybox(skies[sky], sky_texel, direction))
+        else:
             pixels[world, pixel] = NOTHING
-            if sky >= 0:
-                pixels[world, pixel] = _pack(render.sample_skybox(skies[sky], sky_texel, direction))
-            continue
-        point = origin + direction * distance
-        stray = strays[world]
-        light = _shade(geoms, lights, stray, texels, world, hit, point, normal, origin)
-        if stray.mirror > 0.0 and geoms[world, hit].kind == GeomType.PLANE:
-            mirrored = direction - 2.0 * wp.dot(direction, normal) * normal
-            start = point + _OFFSET_M * normal
-            seen, away, facing = first_hit(geoms, world, start, mirrored, ENDLESS)
-            if seen >= 0:
-                image = start + mirrored * away
-                its = _shade(geoms, lights, stray, texels, world, seen, image, facing, start)
-                light = wp.lerp(light, its, stray.mirror)
-        pixels[world, pixel] = _pack(light)
