@@ -498,7 +498,7 @@ def test_the_command_says_how_servos_follow(recorded, tmp_path, monkeypatch, cap
 def test_readings_that_span_more_than_a_joint_can_move_are_noticed():
     scene = SCENE.replace('type="slide"', 'type="slide" limited="true" range="-.2 .3"')
     model = mujoco.MjModel.from_xml_string(scene)
-    slide = SimpleNamespace(joints=("slide",), is_velocity=False, unit="m")
+    slide = SimpleNamespace(joints=("slide",), is_position=True, unit="m")
     sensors = cast(list[JointSensor], [slide])
     read = np.linspace(0, 1, 200).reshape(2, 100, 1)
     (said,) = beyond_ranges(model, sensors, read, [1.25])

@@ -145,6 +145,18 @@ def a_model(method="paper", config: PaperConfig = SMALL) -> PaperSearchParamMode
     return PaperSearchParamModel(config, SPACE, np.array([4.0, 1.0]), method)
 
 
+def test_readings_are_scaled_by_those_that_were_read():
+    """A torque is unknown in each episode's first row."""
+    config = PaperConfig(window=4, crop_size=32)
+    model = PaperSearchParamModel(config, SPACE, np.array([4.0, 1.0]), num_readings=2)
+    readings = np.random.default_rng(0).normal([1, 2], [3, 4], (3, 5, 2))
+    readings[:, 0, 1] = np.nan
+    model.scale_readings(readings)
+    known = readings[:, 1:, 1]
+    assert model.get_buffer("usual_reading")[1].item() == pytest.approx(known.mean(), rel=1e-5)
+    assert model.get_buffer("reading_spread")[1].item() == pytest.approx(known.std(), rel=1e-5)
+
+
 def test_shift_mean_by_hand():
     space = ParameterSpace([a_parameter(n, 0.0, 1.0) for n in "abcde"])
     mean = np.array([0.5, 0.5, 0.5, 0.99, 1e-3])

@@ -596,7 +596,7 @@ def test_an_object_that_may_lie_anywhere_is_in_nobodys_way(tmp_path: Path):
         ("noise = 0", "noise must be a finite number above 0, got 0"),
         ("latency_s = 2.0", "latency_s must be .* of at least 0 and at most 1, got 2"),
         ('columns = ["a", "b", "c"]', "expected 2 columns, one for each joint, .* got 3"),
-        ('quantity = "torque"', "'torque'.*there are: position, velocity"),
+        ('quantity = "current"', "'current'.*there are: position, velocity, torque"),
         ('quantities = "position"', "quantities"),
     ],
 )

@@ -114,7 +114,7 @@ def measured_states(
     for trajectory in trajectories:
         states = np.tile(at_rest, (len(trajectory) + 1, 1))
         for sensor in observation.sensors:
-            if not sensor.is_velocity:
+            if sensor.is_position:
                 states[:, sensor.places] = trajectory.readings[sensor.name]
         found.append(space.with_positions_and_velocities(full_state, states))
     return np.concatenate(found)

@@ -29,7 +29,7 @@ def far_starts(
     for sensor, column, read in by_column(sensors, values):
         first, joint = read[:, 0], model.joint(sensor.joints[column])
         read = first[np.isfinite(first)]
-        if sensor.is_velocity or not len(read):
+        if not sensor.is_position or not len(read):
             continue
         is_hinge = joint.type[0] == HINGE
         simulated = positions[:, sensor.places[column]]

@@ -76,7 +76,8 @@ def unsettled(
         return []
     moved, turned = _held(loop, base, readings, unit)
     first = filled(readings.values[:, : 1 + max(1, round(_CALM_S / step_s))])
-    of_speed = [sensor.is_velocity for sensor, _ in columns_of(loop.sensors)]
+    first = first[..., ~loop.measured.of_actions]
+    of_speed = [s.is_velocity for s, _ in columns_of(loop.sensors) if not s.is_torque]
     went = np.where(of_speed, step_s * np.cumsum(first, axis=1), first)
     is_calm = np.ptp(went, axis=1).max(-1) < _CALM_TRAVEL
     away = np.linalg.norm(moved, axis=-1).max(1)

@@ -9,6 +9,7 @@ from simtune.observation.evidence import AllEvidence
 from simtune.observation.joint_readings import JointReadings
 from simtune.observation.joints import (
     JointSensor,
+    Quantity,
     advanced,
     assumed_noise,
     by_column,
@@ -25,6 +26,7 @@ __all__ = [
     "JointReadings",
     "JointSensor",
     "ObservationModel",
+    "Quantity",
     "advanced",
     "assumed_noise",
     "by_column",

@@ -19,6 +19,7 @@ class JointReadings:
     middle: np.ndarray  # (D,) mean and std, which scale a network's inputs to about 1
     spread: np.ndarray
     finds_offset: bool = False  # whether a constant offset is unknown
+    is_of_action: bool = False  # whether the action before each frame, not only its state, tells
 
     @classmethod
     def of(
@@ -28,12 +29,14 @@ class JointReadings:
         values: np.ndarray,
         noise: float | np.ndarray,
         finds_offset: bool = False,
+        is_of_action: bool = False,
     ) -> "JointReadings":
         flat = values.reshape(-1, values.shape[-1])
         is_read = np.isfinite(flat).any(0)
         known = np.where(is_read, flat, 0.0)  # where nothing was ever read, any mean will do
         middle, spread = np.nanmean(known, 0), np.nanstd(known, 0)
-        return cls(name, unit, values, noise, middle, np.maximum(spread, noise), finds_offset)
+        spread = np.maximum(spread, noise)
+        return cls(name, unit, values, noise, middle, spread, finds_offset, is_of_action)
 
     @property
     def scale(self) -> np.ndarray:
@@ -59,6 +62,14 @@ class JointReadings:
 
     def at(self, index: Any) -> "JointReadings":
         return replace(self, values=self.values[index])
+
+    def of_windows(self) -> "JointReadings":
+        """As windows (..., K, D) see them, whose first frames no action of theirs leads to."""
+        if not self.is_of_action:
+            return self
+        values = self.values.copy()
+        values[..., 0, :] = np.nan
+        return replace(self, values=values)
 
     def log_likelihood(self, predicted: np.ndarray, blur: float = 1.0) -> np.ndarray:
         """(...) −(ν + 1) / 2 · log(1 + z² / ν), summed over all readings."""

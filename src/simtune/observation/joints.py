@@ -1,8 +1,8 @@
-"""Encoders: positions or velocities of joints, in the units in which they were recorded."""
+"""What joints measure, in the units in which it was recorded: positions, velocities, torques."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from simtune.between_rows import read_nearest
 from simtune.errors import InputError
 from simtune.observation.joint_readings import JointReadings
 
+Quantity = Literal["position", "velocity", "torque"]
 _STATE_PREFIX = "observation.state."  # of a feature in a LeRobotDataset
 _DEFAULT_NOISE_STD = 1e-3  # rad, m, or those per second: for an encoder of unknown noise
 _ROUNDING_ROWS = 1e-6  # by which a latency of whole rows may miss them
@@ -25,11 +26,11 @@ class JointSensor:
     name: str
     columns: tuple[str, ...]  # (D,) in recordings, or one that stands for all
     joints: tuple[str, ...]  # (D,)
-    places: np.ndarray  # (D,) indices into a state's positions, or velocities
+    places: np.ndarray  # (D,) indices into a state's positions, or velocities; torques are as these
     # (G,) readings behind a joint's backlash, which adds to them, and (G,) the same indices for it
     geared: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     play_places: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
-    is_velocity: bool = False
+    quantity: Quantity = "position"  # torque: what actuators exert on the joint
     unit: str = "rad"  # of readings in a fit; one for all
     # (D,) recorded = `shift` + `factor` · reading
     factor: np.ndarray
@@ -39,6 +40,19 @@ class JointSensor:
     offset: np.ndarray | None = None  # (D,) measured − true, in `unit`; None: unknown
     latency_s: float = 0.0  # by which a reading is older than its picture
     endless: np.ndarray | None = None  # (D,) bool: positions of hinges without limits
+
+    @property
+    def is_position(self) -> bool:
+        return self.quantity == "position"
+
+    @property
+    def is_velocity(self) -> bool:
+        return self.quantity == "velocity"
+
+    @property
+    def is_torque(self) -> bool:
+        """Whether a state alone does not determine it, but the action that led there."""
+        return self.quantity == "torque"
 
     @property
     def column_names(self) -> tuple[str, ...]:
@@ -53,7 +67,7 @@ class JointSensor:
 
     @property
     def finds_offsets(self) -> bool:
-        return self.offset is None and not self.is_velocity
+        return self.offset is None and self.is_position
 
     @property
     def _known_offset(self) -> np.ndarray:
@@ -79,7 +93,7 @@ class JointSensor:
         an encoder began again after one of its `periods`. Raises InputError if no reading of a
         joint is left after its latency.
         """
-        readings = (recorded - self.shift) / self.factor - self._known_offset
+        readings = self._begun((recorded - self.shift) / self.factor - self._known_offset)
         if not self.latency_s:
             return readings
         on_time = advanced(readings, self.latency_s / step_s)
@@ -97,20 +111,33 @@ class JointSensor:
         return (readings + self._known_offset) * self.factor + self.shift
 
     def observe(self, batch: Any) -> np.ndarray:
-        """(n, D) noise-free, of n simulated worlds' present state."""
+        """(n, D) noise-free, of n simulated worlds' present state; torques of their last step."""
+        if self.is_torque:
+            return batch.bind("qfrc_actuator")[:, self.places]
         values = batch.qvel if self.is_velocity else batch.qpos
         read = values[:, self.places]
         read[:, self.geared] += values[:, self.play_places]
         return read
 
     def measure(self, observed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """(..., D) readings with noise."""
-        return observed + self.noise_or_usual * rng.normal(size=observed.shape)
+        """(..., T + 1, D) readings with noise."""
+        return self._begun(observed + self.noise_or_usual * rng.normal(size=observed.shape))
+
+    def _begun(self, readings: np.ndarray) -> np.ndarray:
+        """(..., T + 1, D) with torques unknown in the first row: which action led there?"""
+        if self.is_torque:
+            readings[..., 0, :] = np.nan
+        return readings
 
     def evidence(self, readings: np.ndarray) -> JointReadings:
         """Of (E, T + 1, D) readings."""
         return JointReadings.of(
-            self.name, self.unit, readings, self.noise_or_usual, self.finds_offsets
+            self.name,
+            self.unit,
+            readings,
+            self.noise_or_usual,
+            self.finds_offsets,
+            self.is_torque,
         )
 
 
@@ -127,7 +154,7 @@ def advanced(values: np.ndarray, steps: float) -> np.ndarray:
 
 def measured_places(sensors: Iterable[JointSensor]) -> list[int]:
     """Indices of the positions that some sensor reads, ascending."""
-    return sorted({int(p) for s in sensors if not s.is_velocity for p in s.places})
+    return sorted({int(p) for s in sensors if s.is_position for p in s.places})
 
 
 def columns_of(sensors: Sequence[JointSensor]) -> list[tuple[JointSensor, int]]:

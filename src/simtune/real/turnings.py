@@ -46,7 +46,7 @@ def _turning(
     """Of an action that sends the joint at `place` in qpos to `angle` + `per_unit` · action rad."""
     period, column = 2 * np.pi / abs(per_unit), 0
     for sensor in sensors:
-        if not sensor.is_velocity and place in sensor.places:
+        if sensor.is_position and place in sensor.places:
             own = int(np.flatnonzero(sensor.places == place)[0])
             scale = 1 / (sensor.factor[own] * per_unit)
             known = 0.0 if sensor.offset is None else sensor.offset[own]

@@ -101,8 +101,9 @@ class PaperSearchParamModel(nn.Module):
         return self.get_buffer("action_scale").device
 
     def scale_readings(self, readings: np.ndarray) -> None:
-        """Normalise future readings by the mean and spread of (n, T, R) typical ones."""
-        mean, spread = readings.mean((0, 1)), np.maximum(readings.std((0, 1)), _LEAST_SPREAD)
+        """Normalise future readings as (n, T, R) typical ones are; NaN: nothing was read."""
+        mean = np.nanmean(readings, (0, 1))
+        spread = np.maximum(np.nanstd(readings, (0, 1)), _LEAST_SPREAD)
         self.get_buffer("usual_reading").copy_(torch.as_tensor(mean))
         self.get_buffer("reading_spread").copy_(torch.as_tensor(spread))
 

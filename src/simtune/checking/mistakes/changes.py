@@ -51,7 +51,7 @@ def changes(simulator: Simulator, observation: ObservationModel) -> list[Change]
     free = [
         column
         for column, (sensor, _) in enumerate(columns)
-        if servos[column] is None and not sensor.is_velocity
+        if servos[column] is None and sensor.is_position
     ]
     found = [same._replace(**action._asdict()) for action in other_actions(simulator)]
     for column in free:

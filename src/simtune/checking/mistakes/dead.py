@@ -28,7 +28,7 @@ def dead_encoders(
         is_long = len(known) * simulator.step_s >= _MIN_READ_S
         if joint not in pushed or not is_long or np.ptp(known) > 0:
             continue
-        if sensor.is_velocity or not _is_at_limit(simulator.model, joint, known[0]):
+        if not sensor.is_position or not _is_at_limit(simulator.model, joint, known[0]):
             says = f"{joint} reads {known[0]:.4g} {sensor.unit} all the time, while the actions of "
             asks = "is the sensor stuck, another column meant, or the motor off?"
             found.append(Doubt(f"{says}{pushed[joint]} change: {asks}", asks, joint))

@@ -28,7 +28,7 @@ def beyond_ranges(
     for (sensor, column, read), factor in zip(by_column(sensors, values), wider, strict=True):
         joint, known = sensor.joints[column], read[np.isfinite(read)]
         limits = model.joint(joint)
-        if sensor.is_velocity or not limits.limited[0] or not len(known):
+        if not sensor.is_position or not limits.limited[0] or not len(known):
             continue
         (low, high), (least, most) = limits.range, np.quantile(known, USUAL)
         if most - least > factor * (high - low):

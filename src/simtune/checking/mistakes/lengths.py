@@ -56,6 +56,6 @@ def _read(sensors: Sequence[JointSensor], values: np.ndarray) -> dict[str, float
     found = {}
     for sensor, column, read in by_column(sensors, values):
         known = read[np.isfinite(read)]
-        if not sensor.is_velocity and len(known):
+        if sensor.is_position and len(known):
             found[sensor.joints[column]] = float(np.ptp(np.quantile(known, USUAL)))
     return found

@@ -93,7 +93,11 @@ class ShortReplays(NamedTuple):
         actions = readings.actions[episode, rows[:, :-1]]
         before = Readings(actions, readings.values[episode, rows])
         states, left = read.states[episode, rows], read.actuator_states[episode, rows]
-        led = self.loop.carried(ReadStates(before, states, left, None), self.unit, num_rows)
+        led = self.loop.carried(
+            ReadStates(before, states, left, None, self.loop.measured.of_actions),
+            self.unit,
+            num_rows,
+        )
         is_later = segments.begin >= num_rows
         states = np.where(is_later[:, None], led.states[:, -1], pieces.states)
         return pieces._replace(states=states)

@@ -43,7 +43,9 @@ def servos_of(simulator: Simulator, sensors: Sequence[JointSensor]) -> list[Serv
     by_joint = _by_joint(simulator)
     found = [(s, by_joint.get(s.joints[column])) for s, column in columns_of(sensors)]
     return [
-        None if servo is None or (sensor.is_velocity and not servo.of_speed) else servo
+        None
+        if servo is None or sensor.is_torque or (sensor.is_velocity and not servo.of_speed)
+        else servo
         for sensor, servo in found
     ]
 
@@ -102,7 +104,7 @@ def commands_of(
     batch, by_episode = Batch(simulator.model, _CHUNK), []
     for trajectory in trajectories:
         controls = []
-        positions = {s.name: s for s in sensors if not s.is_velocity}
+        positions = {s.name: s for s in sensors if s.is_position}
         read = {name: filled(trajectory.readings[name][None])[0] for name in positions}
         for start in range(0, len(trajectory), _CHUNK):
             actions = trajectory.actions[start : start + _CHUNK]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from simtune.fit.observed import Observed
-from simtune.observation import AllEvidence
+from simtune.observation import AllEvidence, JointReadings
 
 _MAX_UNUSED_SHARE = 0.1  # of an episode, by windows
 
@@ -87,8 +87,9 @@ def cut(
         kept = np.linspace(0, len(step) - 1, at_most).round().astype(int)
         episode, step = episode[kept], step[kept]
     frames = step[:, None] + np.arange(length + 1)
+    evidence = observed.evidence.at((episode[:, None], frames))
     return Windows(
-        observed.evidence.at((episode[:, None], frames)),
+        evidence.with_each(JointReadings, JointReadings.of_windows),
         observed.actions[episode[:, None], frames[:, :-1]],
         states[episode, step],
         actuator_states[episode, step],

@@ -113,7 +113,7 @@ def _joints_above(model: mujoco.MjModel, sensors: Sequence[JointSensor]) -> list
     """Joints that carry what sensors measure, and those beside a measured joint, on its body."""
     found = set[int]()
     for sensor in sensors:
-        at = model.dof_jntid if sensor.is_velocity else joints_of_state(model)
+        at = joints_of_state(model) if sensor.is_position else model.dof_jntid
         for joint in at[sensor.places].tolist():
             above = joints_up_from(model, int(model.jnt_bodyid[joint]))
             found.update(other for other in above if other != joint)

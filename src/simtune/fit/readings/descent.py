@@ -7,8 +7,10 @@ import numpy as np
 from simtune.fit.readings.replay_objective import Guess, Point, ReplayObjective
 from simtune.fit.readings.slopes import StretchSlopes
 
-FIRST_DAMPING = 1e-2
-_DAMPING = (1e-4, 1e6)
+FIRST_DAMPING = 1e-2  # relative to the diagonal of the information
+# Of all masses and forces together, readings tell some 1e-5 of what they tell of each alone: with
+# more damping than that, a descent creeps, and ends beside the optimum.
+_DAMPING = (1e-7, 1e6)
 _MAX_TRIED_STEPS = 7  # each with more damping, before the descent ends
 _MIN_GAIN_SHARE = 1e-4  # of the cost, by a step, for another one to follow
 

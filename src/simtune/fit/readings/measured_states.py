@@ -62,7 +62,12 @@ class MeasuredStates:
     def tells_places(self) -> np.ndarray:
         """(D,) bool: readings of positions, and of speeds of joints whose positions none reads."""
         speeds = [s.places if s.is_velocity else np.full(s.size, -1) for s in self.sensors]
-        return ~np.isin(np.concatenate(speeds), self._dofs)
+        return ~np.isin(np.concatenate(speeds), self._dofs) & ~self.of_actions
+
+    @property
+    def of_actions(self) -> np.ndarray:
+        """(D,) bool: torques, which say nothing of states."""
+        return np.repeat([s.is_torque for s in self.sensors], [s.size for s in self.sensors])
 
     @property
     def knows_all_but_objects(self) -> bool:
@@ -94,6 +99,8 @@ class MeasuredStates:
         step_s = self.physics.simulator.step_s
         # Measured velocities last: they take precedence over differentiated positions
         for sensor, columns in sorted(self._columns, key=lambda part: part[0].is_velocity):
+            if sensor.is_torque:
+                continue
             joint_values = read[..., columns]
             if sensor.is_velocity:
                 states[..., nq + sensor.places] = joint_values
@@ -123,7 +130,7 @@ class MeasuredStates:
         """
         by, rate_s = np.zeros_like(states), rate / self.physics.simulator.step_s
         for sensor, columns in self._columns:
-            if not sensor.is_velocity:
+            if sensor.is_position:
                 by[..., sensor.places] = change[..., columns]
                 by[..., self._velocities_of(sensor)] = rate_s[..., columns]
         return states + by
@@ -150,7 +157,7 @@ class MeasuredStates:
         bend = np.sqrt(bent.sum((0, 1)) / np.maximum(known.sum((0, 1)), 1))
         guessed = noise if begin is None else np.hypot(noise, bend * _missed(values, begin))
         for sensor, columns in self._columns:
-            if not sensor.is_velocity:
+            if sensor.is_position:
                 places = np.searchsorted(self._places, sensor.places)
                 std[places], bends[places] = guessed[columns], bend[columns]
         step_s = self.physics.simulator.step_s
@@ -163,7 +170,7 @@ class MeasuredStates:
         """(D, S) derivatives of initial states by readings' offsets: what was read, less these."""
         by_offset = np.zeros((self.num_readings, len(self.start_tangents)))
         for sensor, columns in self._columns:
-            if not sensor.is_velocity:
+            if sensor.is_position:
                 places = np.searchsorted(self._places, sensor.places)
                 by_offset[:, places] = 0.0  # of two sensors of a joint, the last one counts
                 by_offset[np.arange(columns.start, columns.stop), places] = -1.0

@@ -162,14 +162,14 @@ class OpenLoopReplay:
             states = self.physics.space.move(states, steps_late(unit[-1]) * by_step)
             drift = STEPS_PER_UNIT * by_step
         left = self.physics.replay_actuators(readings.actions, states, parameters)
-        return ReadStates(readings, states, left, drift)
+        return ReadStates(readings, states, left, drift, self.measured.of_actions)
 
     def carried(self, read: ReadStates, unit: np.ndarray, last_row: int) -> ReadStates:
         """With what no sensor measures as it was carried along, to a row; see `unmeasured`."""
         goes_on, parameters = self.measured.goes_on, self._parameters(unit)
         if not goes_on.any():
             return read
-        _, states, left, _ = read
+        _, states, left, *_ = read
         actions = read.readings.actions[:, :last_row]
         states = carried(self.physics, states, actions, left, parameters, goes_on)
         return read._replace(states=states)

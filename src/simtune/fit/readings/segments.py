@@ -105,6 +105,7 @@ class ReadStates(NamedTuple):
     states: np.ndarray  # (E, T + 1, nq + nv)
     actuator_states: np.ndarray  # (E, T + 1, S) with what earlier actions left behind
     drift: np.ndarray | None  # (E, T + 1, 2 nv) as in `Stretches`
+    of_actions: np.ndarray  # (D,) bool: readings that the action before each row tells
 
     def cut(self, segments: Segments, goes_on: bool = False) -> Stretches:
         """Stretches of these segments; shorter ones are padded with NaN and later actions.
@@ -121,9 +122,11 @@ class ReadStates(NamedTuple):
         frames = np.minimum(begin[:, None] + rows, values.shape[1] - 1)
         acting = np.minimum(frames[:, :-1], actions.shape[1] - 1)
         is_within = ((rows <= steps[:, None]) & (steps[:, None] > 0))[..., None]
+        # No action of a segment leads to its first row
+        is_told = is_within & ((rows > 0)[:, None] | ~self.of_actions)
         return Stretches(
             actions[episode[:, None], acting],
-            np.where(is_within, values[episode[:, None], frames], np.nan),
+            np.where(is_told, values[episode[:, None], frames], np.nan),
             self.states[episode, begin],
             self.actuator_states[episode, begin],
             episode,

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from simtune.budget import Budget
-from simtune.fit.readings.descent import FIRST_DAMPING, Descent, stepped
+from simtune.fit.readings.descent import Descent, stepped
 from simtune.fit.readings.open_loop import OpenLoopReplay
 from simtune.fit.readings.slopes import StretchSlopes
 
@@ -20,6 +20,8 @@ from simtune.fit.readings.slopes import StretchSlopes
 # timestep (Euler, implicit), or to its fourth power (Runge-Kutta)
 _NO_TIMESTEP_FACTOR, _NO_TIMESTEP_RK4 = 2.0, 16 / 15
 _ITERATIONS = 6
+# It begins at an optimum: also along what readings hardly tell, steps may be whole ones
+_FIRST_DAMPING = 1e-6
 
 
 def change_by_timestep(ended: Descent, slopes: StretchSlopes, budget: Budget) -> np.ndarray:
@@ -51,7 +53,7 @@ class _Further:
 
     def __init__(self, ended: Descent, loop: OpenLoopReplay):
         self.descent = replace(ended, objective=replace(ended.objective, loop=loop))
-        self._damping, self._is_over = FIRST_DAMPING, False
+        self._damping, self._is_over = _FIRST_DAMPING, False
 
     def step(self, slopes: StretchSlopes) -> None:
         if not self._is_over:

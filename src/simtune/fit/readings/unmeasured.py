@@ -35,6 +35,8 @@ def what_goes_on(
     """
     told, speeds, ties = set[int](), list[int](), list(dofs_of_ties(model).values())
     for sensor in sensors:
+        if sensor.is_torque:
+            continue
         read = [*sensor.places.tolist(), *sensor.play_places.tolist()]
         if sensor.is_velocity:  # perhaps of joints whose positions are not measured
             speeds += read

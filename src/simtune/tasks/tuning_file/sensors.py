@@ -1,9 +1,11 @@
 """The tables [[sensors]] of a tuning file: measurements beside pictures."""
 
+from typing import get_args
+
 import mujoco
 import numpy as np
 
-from simtune.observation import JointSensor
+from simtune.observation import JointSensor, Quantity
 from simtune.parameters.backlash_joints import play_of
 from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
 from simtune.tasks.tuning_file.object_names import find_objects
@@ -14,6 +16,7 @@ _KEYS = ("name", "columns", "joints", "quantity", "unit", "gain", "noise", "offs
 _KEYS += ("latency_s", "behind_backlash")
 # Values at the ends of a joint's range; LeRobot uses both units
 _OF_RANGE = {"percent": (0.0, 100.0), "-100..100": (-100.0, 100.0)}
+_COLUMN_SUFFIX: dict[Quantity, str] = {"position": "", "velocity": ".vel", "torque": ".torque"}
 _KINDS = ("cameras", "joints")
 
 
@@ -45,17 +48,21 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
     if doubled := [name for i, name in enumerate(names) if name in names[:i]]:
         raise entry.error(f"joints has {doubled[0]} twice: name it once", "joints")
     ids = np.array([_joint(entry, model, name) for name in names])
-    is_velocity = entry.choice("quantity", ("position", "velocity"), "position") == "velocity"
-    usual_columns = tuple(f"{name}.vel" for name in names) if is_velocity else names
+    quantity = entry.choice("quantity", get_args(Quantity), "position")
+    usual_columns = tuple(f"{name}{_COLUMN_SUFFIX[quantity]}" for name in names)
     columns = entry.names("columns", usual_columns)
     if len(columns) not in (1, len(names)):
         count = f"{len(names)} columns, one for each joint, or a single one that holds them all"
         raise entry.error(f"expected {count}; got {len(columns)}", "columns")
-    factor, shift = _recorded_per_unit(entry, model, ids, is_velocity)
+    factor, shift = _recorded_per_unit(entry, model, ids, quantity)
     noise, offset = entry.number("noise", None, above=0), entry.number("offset", None)
-    addresses = model.jnt_dofadr if is_velocity else model.jnt_qposadr
+    if noise is None and quantity == "torque":
+        raise entry.error("give the noise of a torque: nothing is usual", "quantity")
+    addresses = model.jnt_qposadr if quantity == "position" else model.jnt_dofadr
     geared = plays = np.zeros(0, int)
     if entry.flag("behind_backlash", default=False):
+        if quantity == "torque":
+            raise entry.error("motors exert torques before the backlash", "behind_backlash")
         geared, plays = _plays(entry, model, ids)
     return JointSensor(
         name=entry.text("name"),
@@ -64,14 +71,14 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         places=addresses[ids].copy(),
         geared=geared,
         play_places=addresses[plays].copy(),
-        is_velocity=is_velocity,
-        unit=_own_unit(model, ids) + "/s" * is_velocity,
+        quantity=quantity,
+        unit=_unit(model, ids, quantity),
         factor=factor,
         shift=shift,
         noise=None if noise is None else noise / np.abs(factor),
         offset=None if offset is None else offset / factor,
         latency_s=entry.number("latency_s", 0.0, least=0, most=1),
-        endless=None if is_velocity else _endless(model, ids),
+        endless=_endless(model, ids) if quantity == "position" else None,
     )
 
 
@@ -96,16 +103,28 @@ def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:
     return "rad" if (model.jnt_type[ids] == HINGE).all() else "m"
 
 
+def _unit(model: mujoco.MjModel, ids: np.ndarray, quantity: Quantity) -> str:
+    own = _own_unit(model, ids)
+    if quantity == "torque":
+        return {"rad": "N·m", "m": "N"}[own]
+    return own + "/s" * (quantity == "velocity")
+
+
 def _recorded_per_unit(
-    entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, is_velocity: bool
+    entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray, quantity: Quantity
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(D,) factor and (D,) shift that turn the joints' rad or m into recorded numbers."""
+    """(D,) factor and (D,) shift that turn the joints' own unit into recorded numbers."""
     if "gain" in entry:
         _check_kinds(entry, model, ids)
         return 1 / _gains(entry, len(ids)), np.zeros(len(ids))
+    if quantity == "torque":
+        _check_kinds(entry, model, ids)
+        if "unit" in entry:
+            raise entry.error("torques are in N·m, of slides in N: else give a gain", "unit")
+        return np.ones(len(ids)), np.zeros(len(ids))
     unit = entry.choice("unit", (*PER_RAD_OR_M, *_OF_RANGE), _own_unit(model, ids))
     if unit in _OF_RANGE:
-        if is_velocity:
+        if quantity == "velocity":
             raise entry.error(f"{unit} is of a joint's range: no unit of a velocity", "unit")
         return _of_range(entry, model, ids, unit)
     is_odd = (model.jnt_type[ids] == HINGE) != (unit in TURNS)

@@ -69,7 +69,7 @@ def untested(noise: np.ndarray, sensors: Sequence[JointSensor]) -> np.ndarray:
 
     Not of speeds, of which what is usual differs too much.
     """
-    is_place = np.repeat([not s.is_velocity for s in sensors], [s.size for s in sensors])
+    is_place = np.repeat([s.is_position for s in sensors], [s.size for s in sensors])
     is_declared = np.isfinite(declared_noise(sensors))
     return is_place & ~is_declared & (noise > FAR_MORE * assumed_noise(sensors))
 
