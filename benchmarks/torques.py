@@ -94,7 +94,7 @@ def main(
     record_figures(record, ["seed", "readings"], rows)
     held = {
         kind: sum(row["held"] for row in rows if row["readings"] == kind)
-        for kind in ("encoders", "and torques")
+        for kind in ("encoders", "encoders and torques")
     }
     figures = {"worlds": len(rows) // 2, "parameters": len(_NOMINAL), "held": held}
     print(json.dumps({"benchmark": "torques", "quick": quick, **machine(), **figures}))
@@ -113,7 +113,7 @@ def _run(seed: int, minutes: float, folder: Path) -> list[dict[str, Any]]:
     (folder / "arm.xml").write_text(scene)
     parameters = "".join(_PARAMETER.format(name, *_kind_and_object(name)) for name in _NOMINAL)
     found = []
-    for readings, sensors in (("encoders", _TUNE), ("and torques", _TUNE + _TORQUES)):
+    for readings, sensors in (("encoders", _TUNE), ("encoders and torques", _TUNE + _TORQUES)):
         task = folder / f"{len(found)}.toml"
         task.write_text(sensors + parameters)
         began_s = time.monotonic()

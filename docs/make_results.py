@@ -35,6 +35,7 @@ ORDER = (  # on the page; other claims follow
     "pendulums",
     "clutter",
     "servos",
+    "torques",
     "arms",
     "balancing",
     "flying",

@@ -109,5 +109,6 @@ def test_what_is_followed_stays_near_what_was_read(experiment: Experiment):
 @pytest.mark.thorough
 def test_its_servo_is_found_as_well_as_if_nothing_were_struck(experiment: Experiment):
     found = experiment.search.run_round(experiment.recordings, Budget()).estimate
-    assert found.verdict == ["identified", "identified"]
+    # Nobody says that these have the model's timestep: what kv would owe to it, 5 %, is counted.
+    assert found.verdict == ["identified", "weak"]
     np.testing.assert_allclose(found.mean, [KP, KV], rtol=0.005)
