@@ -21,10 +21,9 @@ from common import machine, record_figures
 from searching import context_of
 
 from simtune.budget import Budget
-from simtune.checking.image_size import USUAL_PX
 from simtune.config import RealConfig
 from simtune.experiment.search_settings import make_search
-from simtune.names import SearchName
+from simtune.names import SEARCHES, SearchName
 from simtune.progress import ReportProgress
 from simtune.real.choose import choose_real
 from simtune.search_param_model.paper import PaperConfig
@@ -67,7 +66,7 @@ def follow(
     """
     name: SearchName = "paper" if isinstance(config, PaperConfig) else "posterior"
     began_s, budget = time.monotonic(), Budget(60 * minutes, _report_on_stderr(name))
-    task, image_size = load_task(task_name), USUAL_PX[name]
+    task, image_size = load_task(task_name), SEARCHES[name].usual_px
     real, start, truth = choose_real(RealConfig(seed=seed), task, image_size)
     assert truth is not None
     trajectories = real.collect(real_episodes)

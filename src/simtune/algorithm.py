@@ -25,6 +25,7 @@ from simtune.experiment.presets import choose_range
 from simtune.experiment.run import Run
 from simtune.experiment.settings import Settings
 from simtune.experiment.training_experiment import TrainingExperiment, build_training
+from simtune.names import search_traits
 from simtune.progress import ReportProgress, silent, told
 from simtune.random_streams import Purpose, stream
 from simtune.randomization import Distribution
@@ -178,7 +179,8 @@ class Training:
 
         Late pictures count as late actions: to a policy, both mean that it sees later what it did.
         """
-        is_known = self.run.num_rounds and self.experiment.search_name == "posterior"
+        estimated = search_traits(self.experiment.search_name).estimates_delay
+        is_known = self.run.num_rounds and estimated
         return self.run.estimate.late_steps(self.experiment.real.step_s) if is_known else None
 
     @property

@@ -11,8 +11,9 @@ import pytest
 import torch
 from batches import learn_now
 
-from simtune.agents import Observation
+from simtune.agents import AGENTS, AgentSpec, Observation
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
+from simtune.agents.pixel_agent import PixelAgent
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.replay_buffer import Episodes, ReplayBuffer, Transitions
 from simtune.run import checkpoint
@@ -26,14 +27,38 @@ SPACE = ParameterSpace(
 )
 
 
-@pytest.fixture
-def make():
+# A small one of each `PixelAgent`: how it is made, and with which settings.
+SMALL_AGENTS = {"curl_sac": (CurlSac, CURL)}
+
+
+@pytest.fixture(params=SMALL_AGENTS)
+def make(request):
     """make(seed=…, device=…, **changes of the settings) → an agent of one action."""
 
     def make_agent(seed: int = 0, device: str = "cpu", **changes):
-        return CurlSac(1, replace(CURL, **changes), seed=seed, device=device)
+        kind, settings = SMALL_AGENTS[request.param]
+        return kind(1, replace(settings, **changes), seed=seed, device=device)
 
     return make_agent
+
+
+def test_every_agent_that_learns_from_pixels_is_tested_here():
+    spec = AgentSpec(
+        image_size=64,
+        num_stacked=STACKED,
+        num_keypoints=2,
+        num_states=2,
+        num_positions=1,
+        num_actions=1,
+        privileged=np.array([True]),
+        total_steps=100,
+        steps_before_trial=50,
+        steps_between_updates=10,
+        seed=0,
+        device="cpu",
+    )
+    on_pixels = {name for name, make in AGENTS.items() if isinstance(make(spec), PixelAgent)}
+    assert on_pixels == set(SMALL_AGENTS), "add it to SMALL_AGENTS in tests/agents"
 
 
 def brightness(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

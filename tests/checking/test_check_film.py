@@ -9,6 +9,7 @@ import pytest
 from test_check import PENDULUM, make_task, pendulum
 
 from simtune.cameras.views import View
+from simtune.checking import check
 from simtune.checking.film import compare as film
 from simtune.checking.film import look
 from simtune.checking.film.camera_film import CameraFilm
@@ -25,7 +26,7 @@ from simtune.errors import InputError
 from simtune.experiment.experiment import build_experiment
 from simtune.recordings import write_dataset
 from simtune.simulation import random_actions
-from simtune.tasks import Task
+from simtune.tasks import TASKS, Task
 from simtune.trajectory import Trajectory
 
 HALF = SIZE // 2
@@ -360,6 +361,24 @@ def test_tune_tells_a_mirrored_film_before_it_tunes(mirrored, tmp_path, small_li
 
 
 @pytest.mark.thorough
+def test_tune_and_check_name_the_episode_in_which_a_camera_sways(
+    tmp_path, monkeypatch, small_library
+):
+    """How much is seen in tests/checking/test_sway.py."""
+    task, folder = pendulum(), tmp_path / "film"
+    record(task, folder, mirrored=False)
+    monkeypatch.setattr(look, "sways", lambda film: {film.episodes[-1]: 0.5})
+    config = TuneConfig(task="pendulum", real=str(folder), out=tmp_path / "run")
+    (said,) = build_experiment(config, task=task).film_warnings()
+    assert "in episode 1, what stands still moves by 0.5 pixels of 64 (root" in said
+    monkeypatch.setitem(TASKS, "pendulum", lambda: task)
+    facts = check(CheckConfig(task="pendulum", real=folder))
+    says = "in episode 1, what stands still moves by 0.5 of the film's 64 pixels in height"
+    assert any(says in said for said in facts["warnings"])
+    assert facts["films"][""]["sway_px"] == {"episode 1": 0.5}
+
+
+@pytest.mark.thorough
 def test_films_of_a_simulated_world_are_not_compared(tmp_path):
     config = TuneConfig(task="pendulum", out=tmp_path / "run", real_episodes=2)
     assert build_experiment(config, task=pendulum()).film_warnings() == []
@@ -368,12 +387,12 @@ def test_films_of_a_simulated_world_are_not_compared(tmp_path):
 @pytest.mark.thorough
 def test_check_saves_a_picture_and_says_where(tmp_path, monkeypatch, capsys, small_library):
     from simtune import cli
-    from simtune.tasks import TASKS
 
     task, folder, path = pendulum(), tmp_path / "mirrored", tmp_path / "seen.png"
     monkeypatch.setitem(TASKS, "pendulum", lambda: task)
     record(task, folder, mirrored=True)
     arguments = ["simtune", "check", "pendulum", "--real", str(folder), "--pictures", str(path)]
+    path.write_bytes(b"\x89PNG\r\n\x1a\nof the last check")  # which is replaced
     monkeypatch.setattr("sys.argv", arguments)
     cli.main()
     lines = capsys.readouterr().out.splitlines()
@@ -387,7 +406,7 @@ def test_check_saves_a_picture_and_says_where(tmp_path, monkeypatch, capsys, sma
 def test_where_pictures_cannot_go(tmp_path):
     recorded = tmp_path
     for name in ("there.png", "both-servos.png", "several-wrist.png"):
-        (tmp_path / name).touch()
+        (tmp_path / name).write_text("notes")
     for options, message in (
         ({"pictures": tmp_path / "a.png"}, "goes with recordings only"),
         ({"real": recorded, "pictures": tmp_path / "a.jpg"}, "ends in .png"),
@@ -398,11 +417,11 @@ def test_where_pictures_cannot_go(tmp_path):
         ),
         (
             {"real": recorded, "pictures": tmp_path / "there.png"},
-            r"/there.png exists already; name a new file",
+            r"/there.png exists and is no PNG, so it is not replaced; name another file",
         ),
         (
             {"real": recorded, "pictures": tmp_path / "both.png"},
-            r"both.png: \S+/both-servos.png exists already; name a new file",
+            r"both.png: \S+/both-servos.png exists and is no PNG",
         ),
     ):
         with pytest.raises(InputError, match=message):
@@ -410,5 +429,16 @@ def test_where_pictures_cannot_go(tmp_path):
     several = tmp_path / "several.png"
     CheckConfig(task="pendulum", real=recorded, pictures=several).check()
     assert picture_file(several, "-front") == tmp_path / "several-front.png"
-    with pytest.raises(InputError, match=r"several-wrist.png exists already"):  # of a camera
+    with pytest.raises(InputError, match=r"several-wrist.png exists and is no PNG"):  # of a camera
         picture_file(several, "-wrist")
+    assert (tmp_path / "several-wrist.png").read_text() == "notes"
+
+
+def test_a_picture_is_replaced_by_the_next_check_s(tmp_path):
+    for name in ("seen.png", "seen-servos.png", "seen-front.png"):
+        (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\nof the last check")
+    (tmp_path / "seen-wrist.png").touch()
+    path = tmp_path / "seen.png"
+    CheckConfig(task="pendulum", real=tmp_path, pictures=path).check()
+    for which in ("", "-servos", "-front", "-wrist"):
+        assert picture_file(path, which) == tmp_path / f"seen{which}.png"

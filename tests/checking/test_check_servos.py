@@ -231,6 +231,11 @@ def test_a_table_says_which_joints_stay_behind():
     servos = {n: servo | {"unit": "rad", "play": w} for n, w in (("elbow", 0.03), ("wrist", None))}
     said = servo_lines(servos)
     assert "Behind to both sides, from end to end: elbow by 0.03 rad." in said
+    head, legend = said[0], " ".join(said[3:])
+    for column in ("lag", "offset", "left", "noise"):
+        assert f"  {column}" in head
+        assert f"{column}: " in legend
+    assert "noise: how rough readings are, at most" in legend
     assert not any("Behind" in line for line in servo_lines({"wrist": servos["wrist"]}))
 
 

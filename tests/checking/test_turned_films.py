@@ -13,6 +13,7 @@ from simtune.checking.film.at_odds import at_odds
 from simtune.checking.film.camera_film import CameraFilm
 from simtune.checking.film.compare import Comparison
 from simtune.checking.film.explanations import AtOdds, Worlds
+from simtune.checking.film.features import agreement, moving_roughly
 from simtune.checking.film.film_warnings import all_clear, warnings_of_film
 from simtune.checking.film.framing import AS_IT_IS, TURNS
 from simtune.checking.film.look import look_at
@@ -355,6 +356,26 @@ def test_bars_beside_worlds_are_explained_only_if_they_move_otherwise():
     assert worlds.explain(drawn_bars(at[[1, 0, 2]]), [], {}, ["a", "b", "c"]) == AtOdds(
         actions_of={"a": "b", "b": "a"}
     )
+
+
+def test_what_explains_a_film_nearly_as_well_is_said_though_it_is_just_below_what_is_clear(
+    monkeypatch,
+):
+    at = np.random.default_rng(0).integers(4, 50, (3, KEPT))
+    worlds = Worlds(np.stack([drawn_bars(at + shift) for shift in (-2, 0, 1, 2)]))
+    film = drawn_bars(at - 1)[..., ::-1, :]
+    signs = {"the action px": np.stack([moving_roughly(film)] * 4)}
+    mirrored = np.mean([agreement(moving_roughly(film[..., ::-1, :]), w) for w in worlds.moving])
+    reversed_sign = agreement(signs["the action px"][0], signs["the action px"][0]).mean()
+    assert mirrored < reversed_sign
+    between = (mirrored + reversed_sign) / 2
+    monkeypatch.setattr("simtune.checking.film.explanations._MIN_COSINE_GAIN", between)
+    found = worlds.explain(film, [], signs, ["a", "b", "c"])
+    assert found is not None
+    assert [framing.says for framing in found.framings] == ["mirrored left to right"]
+    assert found.reversed == ["the action px"]
+    monkeypatch.setattr("simtune.checking.film.explanations._MIN_COSINE_GAIN", 1.0)
+    assert worlds.explain(film, [], signs, ["a", "b", "c"]) is None
 
 
 def test_nothing_is_explained_if_worlds_say_the_same_of_each_other():

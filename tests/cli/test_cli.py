@@ -35,20 +35,11 @@ from simtune.progress import ProgressBar
 from simtune.recordings import write_dataset
 from simtune.robot.signals import ToldToEnd
 from simtune.run.folder import RunFolder
+from simtune.tasks import TASKS, load_task
 from simtune.trajectory import Trajectory
 
 VIDEO = "videos/observation.images.camera0/chunk-000/file-000.mp4"
 DATA = "data/chunk-000/file-000.parquet"
-NAMES = {
-    "ball_in_cup": ["ball_mass", "cup", "ball", "ground"],
-    "walker": ["mass", "body", "ground"],
-    "cheetah": ["mass", "body", "ground"],
-    "finger": ["spinner_mass", "proximal_damping", "finger", "spinner", "ground"],
-    "cartpole": ["pole_mass", "actuator_gain", "body", "ground"],
-    "rope_peg": ["rope_length", "peg_mass", "lighting", "peg", "box"],
-    "cabinet_slide": ["cabinet_friction", "lighting", "cabinet", "table"],
-}
-COLOURED = {"cup", "ball", "ground", "body", "finger", "spinner", "peg", "box", "cabinet", "table"}
 
 
 class Simtune:
@@ -566,17 +557,17 @@ def test_tasks_lists_tasks_and_with_a_name_every_parameter(simtune):
     status, out, err = simtune("tasks")
     assert (status, err) == (0, "")
     *lines, empty, hint = out.splitlines()
-    assert sorted(line.split()[0] for line in lines) == sorted(NAMES)
-    assert lines[-1].endswith("keep the pole on the cart upright (8 parameters)")
+    listed = {line.split()[0]: line for line in lines}
+    assert list(listed) == list(TASKS)
+    assert listed["cartpole"].endswith("keep the pole on the cart upright (8 parameters)")
     assert (empty, hint) == ("", "simtune tasks NAME lists a task's parameters")
-    for task, groups in NAMES.items():
+    for task in TASKS:
         status, out, _ = simtune("tasks", task)
         head, _, columns, *rows = out.splitlines()
         assert head.startswith(f"{task}: ")
         assert columns.split()[:4] == ["parameter", "nominal", "low", "high"]
-        listed = [row.split()[0] for row in rows if row and "--observe" not in row]
-        rgb = [[f"{g}_{c}" for c in "rgb"] if g in COLOURED else [g] for g in groups]
-        assert listed == list(itertools.chain(*rgb))
+        named = [row.split()[0] for row in rows if row and "--observe" not in row]
+        assert tuple(named) == tuple(load_task(task).parameters.names)
     line = "actuator_gain        1   0.1    10        actuator_gainprm of slide"
     assert line in simtune("tasks", "cartpole")[1]
     assert list(json.loads(simtune("tasks", "walker", "--json")[1])) == ["walker"]
@@ -693,7 +684,7 @@ def in_a_shell(command: str) -> subprocess.CompletedProcess:
 
 def test_tasks_and_recordings_in_json(simtune, tmp_path):
     tasks = json.loads(simtune("tasks", "--json")[1])
-    assert tasks.keys() == NAMES.keys()
+    assert tasks.keys() == TASKS.keys()
     assert tasks["cartpole"]["parameters"]["pole_mass"]["unit"] == "kg"
     out = tmp_path / "films"
     short = ("--episodes", 1, "--image-size", 16, "--json")

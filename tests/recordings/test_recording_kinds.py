@@ -267,6 +267,28 @@ def test_frames_at_varying_times(tmp_path):
     assert late_ms == {"largest": pytest.approx(30), "mean": pytest.approx(60 / 25)}
 
 
+@pytest.mark.parametrize(
+    ("frame_hz", "steps_hz", "frame_ms"),
+    [(30, 20, None), (30, 30, None), (30, 60, 33.3), (12, 20, 83.3)],
+)
+def test_how_often_frames_come_is_told_where_they_are_rarer_than_steps(
+    frame_hz, steps_hz, frame_ms, tmp_path
+):
+    """As a phone films: each frame is up to 8 ms early or late."""
+    rng, num = np.random.default_rng(0), 2 * frame_hz
+    jitter_s = np.concatenate([[0], rng.uniform(-0.008, 0.008, num)])
+    logged_s = np.arange(39) / 20
+    write_pair(tmp_path / "pairs", "swing", actions(len(logged_s)), logged_s.tolist())
+    write_variable(
+        tmp_path / "pairs" / "swing.mp4", (np.arange(num + 1) / frame_hz + jitter_s).tolist()
+    )
+    dataset = open_dataset(tmp_path / "pairs", control_hz=steps_hz)
+    dataset.skim(0)
+    (camera,) = dataset.facts(1)["cameras"]
+    assert camera["frame_ms"] == (frame_ms and pytest.approx(frame_ms, abs=2))
+    assert camera["time_error_ms"]["largest"] < 500 / frame_hz + 8
+
+
 def test_a_dropped_frame_is_stood_in_for_and_many_are_not(tmp_path):
     times_s = [t / FPS for t in range(NUM_STEPS)]
     write_pair(tmp_path / "pairs", "swing", actions(), times_s)

@@ -149,6 +149,7 @@ def test_facts(written: Path):
                 "source_size": [SIZE, SIZE],
                 "image_size": [16, 16],
                 "time_error_ms": {"largest": 0.0, "mean": 0.0},
+                "frame_ms": None,
             }
         ],
         "fps": FPS,

@@ -21,7 +21,7 @@ from places import SUPPORT
 from short_training import STEPS, WORLDS, by_few_windows, config_of, train_slowly
 
 import simtune
-from simtune.agents import Agent, AgentSpec, Observation, make_agent
+from simtune.agents import AGENTS, Agent, AgentSpec, Observation, make_agent
 from simtune.agents.curl_sac import CurlSac, CurlSacConfig
 from simtune.algorithm import Training, train
 from simtune.config import EvaluateConfig, TuneConfig
@@ -809,7 +809,7 @@ def test_a_run_killed_at_random_moments_loses_nothing(kills, tmp_path, autotuned
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["teacher_student", "curl_sac"])
+@pytest.mark.parametrize("name", AGENTS)
 def test_an_agent_made_by_name_acts_and_is_stored_and_loaded(name):
     """Each acts on pictures of the size that it was made for, and can be stored and loaded."""
 

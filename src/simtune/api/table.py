@@ -5,6 +5,7 @@ from html import escape
 from typing import Any
 
 from simtune.columns import aligned
+from simtune.names import search_traits
 from simtune.report.words import (
     MISSING,
     as_precise,
@@ -55,7 +56,7 @@ def table_rows(
     `known`: colours that were not searched, which have neither interval nor verdict.
     """
     has_truth = any(is_number(p.get("real")) for p in parameters.values())
-    has_intervals = search == "posterior"
+    has_intervals = search_traits(search).has_intervals
     named = ("estimate" if search else "mean", interval_label(search))
     named += ("of first range",) * has_intervals + ("verdict",) * bool(search)
     heads = ("parameter", "unit", "start", *named, *("truth", "off by") * has_truth)

@@ -22,6 +22,7 @@ from simtune.checking.table import table
 from simtune.checking.welds import turning_welds
 from simtune.config import CheckConfig
 from simtune.errors import InputError
+from simtune.names import DEFAULT_SEARCH
 from simtune.observation import ObservationModel
 from simtune.progress import ReportProgress, silent
 from simtune.random_streams import Purpose, stream
@@ -60,7 +61,7 @@ def check(config: CheckConfig, report: ReportProgress = silent) -> dict[str, Any
     config.check()
     task = load_task(config.task)
     observation = observed(task, config.observed, is_simulated=not config.real)
-    size = choose_image_size(config, task, "posterior")
+    size = choose_image_size(config, task, DEFAULT_SEARCH)
     facts: dict[str, Any] = {"task": task.name, "seed": config.seed, "image_size": size}
     facts["warnings"] = []  # keys are printed in this order
     if config.real:

@@ -9,13 +9,11 @@ import numpy as np
 from simtune.checking.extents import FEW_PX, enough_size, extents_px
 from simtune.config import NO_RECORDINGS, CheckConfig, TuneConfig
 from simtune.errors import InputError
-from simtune.names import SearchName
+from simtune.names import SEARCHES, SearchName
 from simtune.observation import ObservationModel
 from simtune.real.observed import observed, open_recordings
 from simtune.tasks import AnyTask, Task
 
-# Side in pixels of the square pictures that a search uses
-USUAL_PX: dict[SearchName, int] = {"posterior": 64, "paper": 100, "regression": 100}
 _LARGEST_PX = 128  # chosen by itself, since time grows with the square
 _EPISODES, _STEPS = 4, 60  # looked at, at most
 
@@ -25,15 +23,17 @@ log = logging.getLogger(__name__)
 def choose_image_size(config: TuneConfig | CheckConfig, task: AnyTask, search: SearchName) -> int:
     """Height of pictures in pixels.
 
-    By default the search's usual one. The posterior search takes more, at most 128 and not more
-    than recordings have, if even the largest moving part would be small otherwise. Raises
-    InputError for recordings that cannot be read, and for a size where no camera is observed.
+    By default the search's usual one. A search whose pictures need not be square takes more, at
+    most 128 and not more than recordings have, if even the largest moving part would be small
+    otherwise. Raises InputError for recordings that cannot be read, and for a size where no camera
+    is observed.
     """
-    usual, observation = USUAL_PX[search], observed(task, config.observed, is_simulated=False)
+    traits, observation = SEARCHES[search], observed(task, config.observed, is_simulated=False)
+    usual = traits.usual_px
     if config.image_size and not observation.cameras:
         who = f"--observe {config.observe}" if config.observe else task.name
         raise InputError(f"--image-size goes with pictures, and {who} looks at none")
-    if config.image_size or search != "posterior" or not isinstance(task, Task):
+    if config.image_size or traits.needs_square_pictures or not isinstance(task, Task):
         return config.image_size or usual
     # Before the worlds, which take seconds of a large model: recordings may be unreadable
     recorded_px = _recorded_px(config, task, observation, usual) or _LARGEST_PX

@@ -70,7 +70,9 @@ def of_recordings(
     used = long_enough(recorded[:num], are_filmed=bool(observation.cameras))
     facts: dict[str, Any] = {"recordings": dataset.facts(len(recorded))}
     facts["warnings"] = recording_warnings(task, facts["recordings"], recorded, num)
-    films = camera_films(observation.framed(dataset.aspects), frames)
+    heights = [camera["source_size"][0] for camera in facts["recordings"]["cameras"]]
+    looked_at = dataset.episodes[: len(frames)]
+    films = camera_films(observation.framed(dataset.aspects), frames, looked_at, heights)
     # Supersampled as in tuning: a real camera averages over its pixels.
     simulator = task.simulator(
         image_size=size,

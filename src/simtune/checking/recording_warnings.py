@@ -10,13 +10,13 @@ from simtune.checking.action_warnings import action_warnings
 from simtune.columns import episode_in_words
 from simtune.errors import InputError
 from simtune.fit import FEWEST_STEPS
+from simtune.names import DEFAULT_SEARCH, search_traits
 from simtune.recordings.unused_steps import of_lengths, of_unfilmed
 from simtune.search_param_model.posterior_net import SHORTEST_STEPS
 from simtune.tasks import AnyTask, Task
 from simtune.trajectory import Trajectory
 
 _MAX_LATE_SHARE = 0.3  # of a step: the simulator films exactly at each step's end
-_REGULAR_SHARE = 0.2  # within which errors of times are those of regular frames
 _FAST_READINGS_RATIO = 1.95  # two a step, by a clock that is a little off
 _SPARE_S, _SPARE_SHARE = 1.0, 0.2  # of the actions' time: a camera usually stops so soon after them
 
@@ -26,7 +26,7 @@ def recording_warnings(
     facts: Mapping[str, Any],
     recorded: Sequence[np.ndarray],
     num_replayed: int,
-    search: str | None = "posterior",
+    search: str | None = DEFAULT_SEARCH,
 ) -> list[str]:
     """Sentences on recordings that a task's worlds are to replay.
 
@@ -51,15 +51,14 @@ def recording_warnings(
     if are_late:
         found.append(
             f"frames are up to {largest_ms:.3g} ms away from their steps of {step_ms:.3g} ms: "
-            "motion will seem to stand still and jump. If each video lasts as long as its actions, "
-            f"take a smaller --control-hz{_frames_hz(facts['cameras'])}"
+            f"motion will seem to stand still and jump. {_against_late(facts['cameras'], step_ms)}"
             + "; --observe joints uses every reading, at the logged rate"
             * bool(isinstance(task, Task) and task.sensors)
         )
     found += _of_fast_readings(facts)
     found += _of_gaps(facts.get("gaps", {})) + _of_clocks(facts.get("unused_s", {}))
     found += of_unfilmed(facts.get("unfilmed", {}))
-    if search == "posterior":
+    if search_traits(search).cuts_to_shortest:
         lengths = [len(actions) for actions in recorded[:num_replayed]]
         if facts["cameras"]:  # readings use all steps
             found += of_lengths(lengths, facts.get("names", ()), facts.get("names_left_out", ()))
@@ -81,16 +80,17 @@ def trajectory_warnings(
     )
 
 
-def _frames_hz(cameras: Sequence[Mapping[str, Any]]) -> str:
-    """The rate of the slowest film's frames, as far as they come regularly.
-
-    Then the nearest one is away by half their distance at most, and by a quarter on average.
-    """
-    errors = [camera["time_error_ms"] for camera in cameras]
-    worst = max(errors, key=lambda error: error["largest"])
-    if not math.isclose(worst.get("mean", 0.0), worst["largest"] / 2, rel_tol=_REGULAR_SHARE):
-        return ""
-    return f" (frames seem to come at about {500 / worst['largest']:.3g} Hz)"
+def _against_late(cameras: Sequence[Mapping[str, Any]], step_ms: float) -> str:
+    """What brings frames nearer to steps."""
+    if frame_ms := max((camera.get("frame_ms") or 0.0 for camera in cameras), default=0.0):
+        return (
+            f"Frames come every {frame_ms:.3g} ms (median), steps every {step_ms:.3g} ms: if each "
+            f"video lasts as long as its actions, take --control-hz {1e3 / frame_ms:.3g} or less"
+        )
+    return (
+        "Frames come about as often as steps, or more often, but not when these begin: more frames "
+        "a second bring them nearer, or a row that is logged with each frame"
+    )
 
 
 def _of_fast_readings(facts: Mapping[str, Any]) -> list[str]:

@@ -56,6 +56,7 @@ def train(config: TrainConfig, print_line: PrintLine) -> CommandResult:
 def _print_result(result: dict[str, Any], out: Path, print_line: PrintLine) -> CommandResult:
     """Print the estimates if there are any, all warnings, and a policy's scores."""
     from simtune.api.table import lines
+    from simtune.names import search_traits
     from simtune.report.trust import mean_error, num_holding
     from simtune.report.words import number
     from simtune.run_data import read_run
@@ -64,7 +65,7 @@ def _print_result(result: dict[str, Any], out: Path, print_line: PrintLine) -> C
         print_line("\n".join(lines(run := read_run(out))))
         if (error := mean_error(run.searched)) is not None:
             print_line(f"mean error {error:.1f} %")
-        if result["search"] != "posterior":
+        if not search_traits(result["search"]).has_intervals:
             print_line('no intervals by this search: "weak" says only that it moved the estimate')
         elif (held := num_holding(run.searched))[1]:
             print_line("{} of {} intervals hold the truth".format(*held))

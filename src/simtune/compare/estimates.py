@@ -9,6 +9,7 @@ import numpy as np
 
 from simtune.columns import cut
 from simtune.errors import InputError
+from simtune.names import search_traits
 from simtune.run.sources import SOURCES
 from simtune.run_data import RunData
 
@@ -34,7 +35,7 @@ class Estimates(NamedTuple):
 
 def read_estimates(run: RunData) -> Estimates:
     """A run's estimates. Raises InputError if it has no intervals or is damaged."""
-    if not run.is_tuned or run.result.get("search") != "posterior":
+    if not run.is_tuned or not search_traits(run.result.get("search")).has_intervals:
         how = run.result.get("search") or f"--method {run.result.get('method')}"
         raise InputError(f"{run.path} is of {how}, which gives no intervals to compare")
     if not (stored := run.object("covariance")):

@@ -8,6 +8,7 @@ from tyro.conf import Positional, arg
 
 from simtune.config.camera_pose import CameraPoseOptions
 from simtune.config.option_checks import at_least, check_seed
+from simtune.config.picture_files import check_replaceable
 from simtune.config.prints import Prints
 from simtune.config.real import NO_RECORDINGS, PictureOptions, RecordingsConfig
 from simtune.errors import InputError
@@ -37,9 +38,9 @@ class CheckConfig(Prints, PictureOptions, CameraPoseOptions, RecordingsConfig):
     seed: int = 0
     """Random seed of the actions and of the initial states of simulated episodes."""
     pictures: Path | None = None
-    """With recordings: a new FILE.png for their first frames beside the simulator's, and for how
-    joints follow their commands; by default new files in the system's temporary folder, whose names
-    are printed."""
+    """With recordings: FILE.png for their first frames beside the simulator's, and for how joints
+    follow their commands. PNG files of these names are replaced, others are not. By default new
+    files in the system's temporary folder, whose names are printed."""
 
     def check(self) -> None:
         """Raises InputError for invalid options."""
@@ -74,5 +75,4 @@ class CheckConfig(Prints, PictureOptions, CameraPoseOptions, RecordingsConfig):
         if path.is_dir():
             raise InputError(f"--pictures {path}: is a folder; name a file")
         for file in (path, path.with_stem(f"{path.stem}-servos")):
-            if file.exists():
-                raise InputError(f"--pictures {path}: {file} exists already; name a new file")
+            check_replaceable(file, path)

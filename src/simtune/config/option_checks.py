@@ -3,6 +3,7 @@
 import re
 
 from simtune.errors import InputError
+from simtune.names import search_traits, searches_where
 
 
 def at_least(config: object, smallest: int, *names: str) -> None:
@@ -26,8 +27,9 @@ def check_known_colour(asked: str | None, search: str) -> None:
 
     `search`: its name, or what is done in its place.
     """
-    if asked is not None and search != "posterior":
-        raise InputError(f"--known-colour goes with --search posterior, got {search}")
+    if asked is not None and not search_traits(search).takes_known_colours:
+        known_by = searches_where("takes_known_colours")
+        raise InputError(f"--known-colour goes with {known_by}, got {search}")
 
 
 def check_seed(seed: int) -> None:

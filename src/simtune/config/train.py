@@ -10,6 +10,7 @@ from simtune.config.option_checks import at_least, check_known_colour, flag, usu
 from simtune.config.prints import Prints
 from simtune.config.real import NO_RECORDINGS, RealConfig
 from simtune.errors import InputError
+from simtune.names import DEFAULT_SEARCH, AgentName, search_traits
 
 Method = Literal["autotune", "regression", "dr", "untuned", "oracle"]
 UNTUNED = ("dr", "untuned", "oracle")  # methods without a search
@@ -35,7 +36,7 @@ class TrainConfig(Prints, RealConfig):
     preset: Literal["fast", "paper"] = "fast"
     """fast: a teacher that knows the state, and a student on pictures: minutes on two CPU cores;
     paper: SAC on pictures, and everything else as in the paper: a GPU and a day."""
-    agent: Literal["teacher_student", "curl_sac"] | None = None
+    agent: AgentName | None = None
     """How the policy learns: teacher_student, the default; curl_sac, the paper's SAC on pictures,
     and the default with --preset paper."""
     search: Literal["posterior", "paper"] | None = None
@@ -93,9 +94,9 @@ class TrainConfig(Prints, RealConfig):
 
     def _check_ignored(self) -> None:
         """Raises InputError for options that the method, its search or the real world ignore."""
-        search = self.search or ("paper" if self.preset == "paper" else "posterior")
+        search = self.search or ("paper" if self.preset == "paper" else DEFAULT_SEARCH)
         search = search if self.method == "autotune" else self.method
-        if search not in ("paper", "regression"):
+        if not search_traits(search).takes_small_steps:
             own = ("range_spm", "step_size", "window")
             usual_without(self, "--search paper or --method regression", *own)
         check_known_colour(self.known_colour, search)

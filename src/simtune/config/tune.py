@@ -10,7 +10,7 @@ from simtune.config.option_checks import at_least, check_known_colour, usual_wit
 from simtune.config.prints import Prints
 from simtune.config.real import PictureOptions, RealConfig
 from simtune.errors import InputError
-from simtune.names import SearchName
+from simtune.names import DEFAULT_SEARCH, SearchName, search_traits, searches_where
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class TuneConfig(Prints, PictureOptions, RealConfig):
     real_episodes: int | None = None
     """Number of real episodes to film (by default 5), or to read from the recordings (by default
     all, at most 10)."""
-    search: SearchName = "posterior"
+    search: SearchName = DEFAULT_SEARCH
     """posterior: by survival curves; paper: by small steps up or down; regression: the paper's
     baseline."""
     budget_minutes: float = 8.0
@@ -57,7 +57,7 @@ class TuneConfig(Prints, PictureOptions, RealConfig):
         check_known_colour(self.known_colour, self.search)
         if not 0 <= self.relative_precision < 1:
             raise InputError(f"--precision must be a percentage such as 1%, got {self.precision}")
-        if self.search != "posterior":
-            usual_without(self, "--search posterior", "precision")
+        if not search_traits(self.search).has_intervals:
+            usual_without(self, searches_where("has_intervals"), "precision")
         if self.observed == ("joints",):
             usual_without(self, "pictures, and --observe joints looks at none", "image_size")

@@ -16,7 +16,7 @@ from simtune.errors import InputError
 from simtune.experiment.problem import TuningProblem, build_problem
 from simtune.experiment.search_settings import choose_search_settings, make_search
 from simtune.experiment.settings import Settings
-from simtune.names import SearchName
+from simtune.names import SEARCHES, SearchName
 from simtune.networks.layers import under
 from simtune.progress import ReportProgress, silent
 from simtune.simulation import Simulator
@@ -94,7 +94,7 @@ def build_experiment(
     name = config.search
     if config.known_colour:
         task = with_known_colours(with_model(task), config.known_colour)
-    if name != "posterior":
+    if SEARCHES[name].needs_square_pictures:
         task = with_one_square_camera(task)
     report("looking at the real world", 0.0)
     size = choose_image_size(config, task, name)
@@ -123,7 +123,7 @@ def build_search(problem: TuningProblem, name: SearchName, settings: Settings) -
 
 
 def _search_readings(problem: TuningProblem, name: SearchName) -> Search:
-    if name != "posterior":
+    if not SEARCHES[name].takes_readings:
         raise InputError(f"--search {name} looks at pictures: have a camera observed")
     if not isinstance(problem.config, TuneConfig):
         raise InputError("a policy acts on pictures: have --observe name cameras too")

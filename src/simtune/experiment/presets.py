@@ -5,16 +5,16 @@ from dataclasses import replace
 from simtune.config import TrainConfig
 from simtune.errors import InputError
 from simtune.experiment.schedule import PAPER_STEPS, SCHEDULES, Schedule
-from simtune.names import SearchName
+from simtune.names import AgentName, SearchName, search_traits
 from simtune.tasks import Task
 
-_AGENTS = {"fast": "teacher_student", "paper": "curl_sac"}
+_AGENTS: dict[str, AgentName] = {"fast": "teacher_student", "paper": "curl_sac"}
 _SEARCHES: dict[str, SearchName] = {"fast": "posterior", "paper": "paper"}
 _FEW_EPISODES = 5  # real ones at first, as in each update of the authors'
 
 
-def choose_agent(config: TrainConfig) -> str:
-    """Its name, see `agents.make_agent`."""
+def choose_agent(config: TrainConfig) -> AgentName:
+    """Its name, see `agents.AGENTS`."""
     return config.agent or _AGENTS[config.preset]
 
 
@@ -45,7 +45,7 @@ def choose_schedule(config: TrainConfig, task: Task, search_name: SearchName | N
         config.real_episodes or _FEW_EPISODES,
         config.tried_episodes,
         pretrain_steps=config.pretrain_steps,
-        many_searches=search_name in ("paper", "regression"),
+        many_searches=search_traits(search_name).takes_small_steps,
     )
     if search_name is None:  # real episodes would not be used
         return replace(schedule, real_episodes=(0,) * len(schedule.real_episodes))

@@ -7,6 +7,7 @@ from typing import Any
 from simtune.checking.expected_precision import expected_precision
 from simtune.checking.mistakes.misread import MOST_S
 from simtune.experiment.experiment import Experiment
+from simtune.names import search_traits
 from simtune.tuning.search import TimeNeeded
 
 # Of the budget: in which check may say what to expect, and look for mistakes in readings besides
@@ -43,7 +44,7 @@ class RecordingChecks:
         most_s, found = _CHECK_SHARE * 60 * minutes, self
         if found.films is None and _WITH_FILMS * needed.check_s < most_s:
             found = replace(found, films=experiment.film_warnings())
-        gives_intervals = experiment.search_name == "posterior"
+        gives_intervals = search_traits(experiment.search_name).has_intervals
         if found.expected is None and gives_intervals and needed.check_s < most_s:
             found = found._with_expected(experiment, minutes)
         return found

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import assert_never
 
 from simtune.config import TrainConfig, TuneConfig
 from simtune.errors import InputError
@@ -40,11 +41,15 @@ def make_search(name: SearchName, context: SearchContext, settings: SearchSettin
     Raises InputError for an environment with a window-based search, whose frames are drawn anew
     when a run resumes, and if nothing moves that could show a hidden parameter.
     """
-    if name == "posterior":
-        assert isinstance(settings, PosteriorSearchConfig)
-        return PosteriorSearch(context, settings)
-    assert isinstance(settings, PaperConfig)
-    return PaperSearch(context, settings, method=name)
+    match name:
+        case "posterior":
+            assert isinstance(settings, PosteriorSearchConfig)
+            return PosteriorSearch(context, settings)
+        case "paper" | "regression":
+            assert isinstance(settings, PaperConfig)
+            return PaperSearch(context, settings, method=name)
+        case _:
+            assert_never(name)
 
 
 def choose_search_settings(
@@ -58,11 +63,25 @@ def choose_search_settings(
 
     Raises InputError for too long a window.
     """
-    if search_name == "posterior":
-        if isinstance(config, TuneConfig):
-            return PosteriorSearchConfig(precision=config.relative_precision)
-        assert isinstance(task, Task), "a policy needs a reward"
-        return _search_of_training(config, task)
+    match search_name:
+        case "posterior":
+            if isinstance(config, TuneConfig):
+                return PosteriorSearchConfig(precision=config.relative_precision)
+            assert isinstance(task, Task), "a policy needs a reward"
+            return _search_of_training(config, task)
+        case "paper" | "regression":
+            return _paper_search(config, search_name, task, recordings, image_size)
+        case _:
+            assert_never(search_name)
+
+
+def _paper_search(
+    config: TuneConfig | TrainConfig,
+    search_name: SearchName,
+    task: AnyTask,
+    recordings: Sequence[Trajectory],
+    image_size: int,
+) -> PaperConfig:
     # Simulated episodes need not be longer than recorded ones.
     is_training = isinstance(config, TrainConfig)
     longest = task.episode_steps if is_training else PaperConfig.episode_steps

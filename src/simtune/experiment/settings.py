@@ -7,6 +7,7 @@ from simtune.agents import Agent, AgentSpec, make_agent
 from simtune.before_after.start_search import StartSearchConfig
 from simtune.experiment.schedule import Schedule
 from simtune.experiment.search_settings import SearchSettings
+from simtune.names import AgentName
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,5 +18,5 @@ class Settings:
     start_search: StartSearchConfig = field(default_factory=StartSearchConfig)
     # For `train` only
     schedule: Schedule | None = None
-    make_agent: Callable[[str, AgentSpec], Agent] = make_agent
+    make_agent: Callable[[AgentName, AgentSpec], Agent] = make_agent
     checkpoint_every_s: float = 60.0  # in policy training; other phases save at their end

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from simtune.errors import InputError
+from simtune.names import DEFAULT_SEARCH
 from simtune.parameters.accuracy import FLOOR, percent_error
 from simtune.run.files import read_json, read_jsonl
 from simtune.run.stored import read_object
@@ -40,7 +41,7 @@ class FinishedRun:
     def method(self) -> str:
         """The method of a training, or "tune"; with the search, unless it is the default one."""
         search, method = self.config.get("search"), self.config.get("method", "tune")
-        return method if search in (None, "posterior") else f"{method}, {search}"
+        return method if search in (None, DEFAULT_SEARCH) else f"{method}, {search}"
 
     @property
     def is_training(self) -> bool:

@@ -15,6 +15,7 @@ class SeenPictures:
 
     size: tuple[int, int]  # (height, width), pixels
     time_errors_s: tuple[float, float]  # largest and mean distance of frames from their steps
+    frame_s: float | None = None  # between frames (median), if they are rarer than steps
 
 
 def action_ranges(steps: Sequence[Steps], names: Sequence[str]) -> dict[str, list[float]]:
@@ -32,6 +33,7 @@ def picture_facts(
     """Facts on the pictures of one camera, of each episode; `fitted`: their (height, width)."""
     frames = np.array([len(its.times_s) for its in steps])
     largest, mean = np.array([its.time_errors_s for its in pictures]).T
+    rare_s = [its.frame_s for its in pictures if its.frame_s]
     return {
         "source_size": list(pictures[0].size),
         "image_size": list(fitted),
@@ -39,4 +41,5 @@ def picture_facts(
             "largest": round(1e3 * float(largest.max()), 3),
             "mean": round(1e3 * float(mean @ frames / frames.sum()), 3),
         },
+        "frame_ms": round(1e3 * max(rare_s), 3) if rare_s else None,
     }

@@ -15,6 +15,10 @@ from simtune.recordings.facts import SeenPictures, picture_facts
 from simtune.recordings.source import Rows, Source
 from simtune.recordings.steps import Steps
 
+# Different frames to steps. A phone's at 30 Hz, up to 8 ms early or late, are 0.85 to 1 at 30 Hz,
+# where some are passed over, so that those seen are farther apart than all are.
+_MAX_RARE_SHARE = 0.8
+
 
 class Shot(NamedTuple):
     """A camera's pictures and their description."""
@@ -119,9 +123,9 @@ class Film:
         """Like `frames`, for one camera."""
         (source, footage), recorded = self._shots[number], self._sizes[number]
         times_s = times_s + footage.latency_s
-        name, errors_s = source.episodes[episode], []
+        name, shown_s = source.episodes[episode], []
         pictures = source.pictures(episode, times_s)
-        for step, time_s in enumerate(times_s):
+        for step in range(len(times_s)):
             seen_s, picture = _next(pictures, f"{name}, step {step}")
             if picture.shape[:2] != recorded:
                 height, width = picture.shape[:2]
@@ -130,10 +134,22 @@ class Film:
                     f"the first of {source.episodes[self._first]} has {recorded[1]}×{recorded[0]}; "
                     "expected one camera that films all alike"
                 )
-            errors_s.append(abs(seen_s - time_s))
+            shown_s.append(seen_s)
             yield footage.as_pinhole(picture, size)
-        errors = float(max(errors_s)), float(np.mean(errors_s))
-        return SeenPictures(size=recorded, time_errors_s=errors)
+        errors_s = np.abs(np.array(shown_s) - times_s)
+        errors = float(errors_s.max()), float(errors_s.mean())
+        return SeenPictures(size=recorded, time_errors_s=errors, frame_s=_if_rare(shown_s))
+
+
+def _if_rare(shown_s: Sequence[float]) -> float | None:
+    """Seconds from frame to frame (median), where several steps show the same one; else None.
+
+    `shown_s`: each step's frame. Only if frames are rarer than steps, all of them are seen.
+    """
+    frames_s = np.unique(shown_s)
+    if 1 < len(frames_s) < _MAX_RARE_SHARE * len(shown_s):
+        return float(np.median(np.diff(frames_s)))
+    return None
 
 
 def _next(pictures: Iterator[tuple[float, np.ndarray]], where: str) -> tuple[float, np.ndarray]:

@@ -6,6 +6,7 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from simtune.columns import counted, significant, within
+from simtune.names import search_traits
 from simtune.run_data import RunData
 from simtune.validate import is_number
 
@@ -55,7 +56,7 @@ def interval_label(search: str | None) -> str:
     """What low and high are the ends of, by how the run searched for parameters."""
     if search is None:
         return "worlds trained in"
-    return "90 % interval" if search == "posterior" else "searched range"
+    return "90 % interval" if search_traits(search).has_intervals else "searched range"
 
 
 def unit(facts: Mapping[str, Any]) -> str:
@@ -71,7 +72,6 @@ def breakable(name: str) -> Markup:
 
 
 _REAL = {"pseudo": "a simulated truth", "xarm": "a robot", "lerobot": "a robot"}
-_SEARCHES = {"paper": " by the paper's steps up or down", "regression": " by the paper's baseline"}
 _POLICIES = {
     "dr": "A policy was trained in worlds around the start; nothing was tuned to {}",
     "untuned": "A policy was trained in the simulator as it starts; nothing was tuned to {}",
@@ -86,7 +86,8 @@ def headline(run: RunData) -> str:
         return _POLICIES[run.get("method")].format(real)
     trains = "policy_steps" in run.config
     begin = "A policy was trained while the simulator was" if trains else "The simulator was"
-    return f"{begin} tuned{_SEARCHES.get(str(run.get('search')), '')} to {real}"
+    how = search_traits(run.get("search")).in_words
+    return " ".join(filter(None, (begin, "tuned", how, "to", real)))
 
 
 def not_looked_at(names: Collection[str]) -> str:

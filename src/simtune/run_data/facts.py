@@ -10,6 +10,7 @@ import numpy as np
 
 from simtune.config import NO_RECORDINGS, UNTUNED
 from simtune.errors import InputError
+from simtune.names import DEFAULT_SEARCH, search_traits
 from simtune.run.config import TIME_IS_OVER
 from simtune.run.sources import changed_sources, other_readers, source_of
 from simtune.validate import is_number
@@ -157,12 +158,12 @@ class RunFacts:
             return None
         # A training that goes on has it as its method.
         is_baseline = self.get("method") == "regression"
-        return "regression" if is_baseline else self.get("search") or "posterior"
+        return "regression" if is_baseline else self.get("search") or DEFAULT_SEARCH
 
     @property
     def has_intervals(self) -> bool:
         """Whether low and high are an interval's ends; otherwise they are the searched range's."""
-        return self.search == "posterior"
+        return search_traits(self.search).has_intervals
 
     @property
     def is_fitted(self) -> bool:

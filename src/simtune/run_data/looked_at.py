@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from simtune.errors import InputError
+from simtune.names import search_traits
 from simtune.run_data.facts import RunFacts
 from simtune.validate import is_number
 
@@ -40,13 +41,14 @@ class RunData(RunFacts):
 
     @cached_property
     def known(self) -> frozenset[str]:
-        """Parameters of known colours, which a posterior search leaves as they are.
+        """Parameters of known colours, which a search that takes them leaves as they are.
 
         Empty if the task is not there.
         """
         from simtune.tasks import Task, with_known_colours
 
-        task = self._task if self.colours and self.search == "posterior" else None
+        is_used = self.colours and search_traits(self.search).takes_known_colours
+        task = self._task if is_used else None
         if not isinstance(task, Task):
             return frozenset()
         with suppress(InputError):

@@ -7,6 +7,7 @@ from simtune.config import TrainConfig, TuneConfig
 from simtune.experiment.finished import real_content, recordings_hash
 from simtune.experiment.outcome import asked
 from simtune.experiment.presets import choose_search
+from simtune.names import search_traits
 from simtune.parameters.values_file import read_parameters
 from simtune.real.observed import observed
 from simtune.run.config import check_asked, stored_config
@@ -30,11 +31,12 @@ def check_options(config: TuneConfig | TrainConfig, task: AnyTask) -> None:
     search = choose_search(config) if isinstance(config, TrainConfig) else config.search
     if is_training:
         check_reward(task)
-    if isinstance(task, Task) and search in ("paper", "regression"):
+    traits = search_traits(search)
+    if isinstance(task, Task) and search and not traits.takes_known_colours:
         check_known_is_used(task.known_colours, search)
     if config.known_colour:
         with_known_colours(with_model(task), config.known_colour)
-    if is_training or config.search != "posterior":
+    if is_training or traits.needs_square_pictures:
         with_one_square_camera(task)
     observed(task, config.observed, is_simulated=False)
     if config.real == "pseudo":

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from simtune.errors import InputError, UnknownName
+from simtune.names import searches_where
 from simtune.parameters import Parameter, ParameterSpace
 from simtune.tasks.task import Task
 from simtune.validate import is_number
@@ -34,9 +35,10 @@ def check_known_is_used(known: Iterable[str], search: str) -> None:
     `known`: their names. By the option it is refused before (`config.check_known_colour`).
     """
     if colours := list(dict.fromkeys(name[:-2] for name in known)):
+        those = searches_where("takes_known_colours")
         raise InputError(
-            f"known = true, which the tuning file says of {', '.join(colours)}, goes with "
-            f"--search posterior, got {search}: take it out of the file for this search"
+            f"known = true, which the tuning file says of {', '.join(colours)}, goes with {those}, "
+            f"got {search}: take it out of the file for this search"
         )
 
 

@@ -13,6 +13,7 @@ _MIN_COSINE_GAIN = 0.09  # at its own moment over others: here nothing agrees by
 _POOR_SHARE = 0.5  # of what is usual among the worlds: more needs no explanation
 _MIN_RATIO = 2.5  # of an explanation's agreement to that of the film as it is
 _TIE_SHARE = 0.7  # of the best agreement: explains as well
+_TIED_GAIN = _TIE_SHARE * _MIN_COSINE_GAIN
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Worlds:
         turns = [self._clear(film, own, likest, framing, self.moving) for framing in TURNS]
         reversals = [self._clear(film, own, likest, AS_IT_IS, drawn) for drawn in signs.values()]
         best = max([*turns, *reversals])
-        if best:
+        if best >= _MIN_COSINE_GAIN:
             tied = _TIE_SHARE * best
             return AtOdds(
                 [framing for framing, alike in zip(TURNS, turns, strict=True) if alike > tied],
@@ -80,10 +81,12 @@ class Worlds:
     ) -> float:
         """Mean agreement by an explanation; 0 unless it is clear, and told of no world.
 
+        That is clear, too, which is as good as the least of those that explain a film alone.
+
         `own`: (E,) agreement without any; `likest`: mean agreement with the likest world.
         """
         alike = _alike(_shown(film, framing), drawn)
-        is_clear = _is_better(alike, own) and alike.mean() > likest
+        is_clear = _is_better(alike, own, _TIED_GAIN) and alike.mean() > likest
         worlds = range(len(self.moving))
         if not is_clear or any(self._is_told_of(w, framing, drawn) for w in worlds):
             return 0.0
@@ -127,11 +130,9 @@ def _alike(shown: np.ndarray, drawn: np.ndarray) -> np.ndarray:
     return np.mean([agreement(shown, world) for world in drawn], 0)
 
 
-def _is_better(alike: np.ndarray, own: np.ndarray) -> bool:
+def _is_better(alike: np.ndarray, own: np.ndarray, least: float = _MIN_COSINE_GAIN) -> bool:
     """Whether (E,) agreements are clearly those of an explanation, in all episodes."""
-    return bool(
-        alike.mean() >= max(_MIN_COSINE_GAIN, _MIN_RATIO * own.mean()) and (alike > own).all()
-    )
+    return bool(alike.mean() >= max(least, _MIN_RATIO * own.mean()) and (alike > own).all())
 
 
 def _table(shown: np.ndarray, drawn: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from simtune.checking.film.film_warnings import warnings_of_film
 from simtune.checking.film.library import Library, make_libraries
 from simtune.checking.film.painted import hidden_background, painted_over
 from simtune.checking.film.resting import in_words, resting_parts
+from simtune.checking.film.sway import sways, sways_in_words
 from simtune.checking.film.turned import Turned, turned
 from simtune.simulation import Simulator
 from simtune.simulation.rendering.plate import camera_moves
@@ -52,10 +53,11 @@ class Look(NamedTuple):
     comparison: Comparison
     why: Why
     warnings: list[str]
+    sway_px: Mapping[str, float]  # {episode: of 64}, where what stands still moves
 
     def facts(self) -> dict[str, Any]:
         """JSON."""
-        return self.comparison.facts() | self.why.facts()
+        return self.comparison.facts() | self.why.facts() | {"sway_px": dict(self.sway_px)}
 
 
 def look_at(
@@ -112,7 +114,10 @@ def _look_at_one(
     if why.other is None and (rest := resting_parts(simulator, library, number)):
         warned.append(in_words(rest))
     hidden = hidden_background(film.painted) if film.is_plate else []
-    return Look(film, library, comparison, why, [*warned, *hidden])
+    can_sway = not moves and not film.view.background_is_unknown
+    sway = sways(film) if can_sway else {}
+    said = [sways_in_words(sway, film)] if sway else []
+    return Look(film, library, comparison, why, [*warned, *said, *hidden], sway)
 
 
 def _exchanged(films: list[CameraFilm], libraries: list[Library]) -> dict[str, str]:

@@ -34,7 +34,7 @@ def film_warnings(
     frames = np.stack([film[at] for film, at in each])  # at moments that `Dataset.skim` keeps
     shortest = min(map(len, few))
     actions = np.stack([episode.actions[:shortest] for episode in few])
-    films = camera_films(observation, frames)
+    films = camera_films(observation, frames, names[: len(few)])
     if observation.sensors:  # which tell turned films sooner than actions, and their own signs
         looks = look_at(films, simulator, actions, seed, AsRead(simulator, observation, few))
     else:

@@ -8,7 +8,8 @@ _HEAD = ("joint", "moves", "lag", "steps", "offset", "left", "with a lag of 1st 
 _LEGEND = (
     "lag: the constant delay behind the command that leaves least; offset: measured − commanded, "
     "so late;",
-    "left: root mean square of the rest, and with a first-order lag instead of some of the delay.",
+    "left: root mean square of the rest, and with a first-order lag instead of some of the delay;",
+    "noise: how rough readings are, at most: fast motion counts in it.",
 )
 _PLAY = (
     "Dry friction leaves that (kind friction_loss, twice the friction by kp), and so does play",

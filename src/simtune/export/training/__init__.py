@@ -4,12 +4,11 @@ import inspect
 from importlib import resources
 
 from simtune.export.training.rows import rows_of_object
+from simtune.names import ExportFormat
 
-LIBRARIES = ("mjlab", "playground")
 
-
-def module_text(library: str) -> str:
-    """The text of a module of LIBRARIES, with the function that it imports from here inlined."""
+def module_text(library: ExportFormat) -> str:
+    """The text of LIBRARY_worlds.py, with the function that it imports from here inlined."""
     text = resources.files(__name__).joinpath(f"{library}_worlds.py").read_text("utf-8")
     statement = "from simtune.export.training.rows import rows_of_object\n"
     before, found, after = text.partition(statement)

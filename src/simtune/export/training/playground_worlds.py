@@ -2,7 +2,7 @@
 
     from playground_worlds import domain_randomizer
 
-    train(environment=env, randomization_fn=domain_randomizer(env.mj_model), ...)
+    train(..., environment=env, randomization_fn=domain_randomizer(env.mj_model))
 
 Each environment gets all parameters of one world in worlds.npz, so correlated parameters vary
 together. The model's objects must have the same names as in the tuned model.
