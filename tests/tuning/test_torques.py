@@ -71,6 +71,22 @@ def test_a_torque_without_noise_is_refused(tmp_path: Path):
         load_task(str(arm(tmp_path, TORQUES.replace("noise = 0.02\n", ""))))
 
 
+def test_a_joint_that_nothing_drives_has_no_torque(tmp_path: Path):
+    tune = arm(tmp_path)
+    model = (tmp_path / "arm.xml").read_text()
+    servo = '<position name="elbow" joint="elbow" kp="20" kv="1.5" ctrlrange="-1 1"/>'
+    assert servo in model
+    (tmp_path / "arm.xml").write_text(model.replace(servo, ""))
+    with pytest.raises(InputError, match="nothing drives elbow: it has no motor's torque"):
+        load_task(str(tune))
+    tendon = '<tendon><fixed name="t"><joint joint="elbow" coef="2"/></fixed></tendon>'
+    by_tendon = model.replace(servo, '<motor name="elbow" tendon="t"/>').replace(
+        "<actuator>", f"{tendon}<actuator>"
+    )
+    (tmp_path / "arm.xml").write_text(by_tendon)
+    assert load_task(str(tune)).sensors[1].is_torque
+
+
 def test_simulated_torques_are_those_of_the_servos(tmp_path: Path):
     experiment = build_experiment(TuneConfig(task=str(arm(tmp_path)), out=tmp_path / "run"))
     encoders, torques = experiment.context.observation.sensors

@@ -56,13 +56,11 @@ def _read(entry: TomlTable, model: mujoco.MjModel) -> JointSensor:
         raise entry.error(f"expected {count}; got {len(columns)}", "columns")
     factor, shift = _recorded_per_unit(entry, model, ids, quantity)
     noise, offset = entry.number("noise", None, above=0), entry.number("offset", None)
-    if noise is None and quantity == "torque":
-        raise entry.error("give the noise of a torque: nothing is usual", "quantity")
+    if quantity == "torque":
+        _check_torque(entry, model, ids)
     addresses = model.jnt_qposadr if quantity == "position" else model.jnt_dofadr
     geared = plays = np.zeros(0, int)
     if entry.flag("behind_backlash", default=False):
-        if quantity == "torque":
-            raise entry.error("motors exert torques before the backlash", "behind_backlash")
         geared, plays = _plays(entry, model, ids)
     return JointSensor(
         name=entry.text("name"),
@@ -97,6 +95,26 @@ def _plays(
     if not len(geared):
         raise entry.error("none of the joints has one: declare [[backlash]]", "behind_backlash")
     return geared, plays[geared]
+
+
+def _check_torque(entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray) -> None:
+    if "noise" not in entry:
+        raise entry.error("give the noise of a torque: nothing is usual", "quantity")
+    if entry.flag("behind_backlash", default=False):
+        raise entry.error("motors exert torques before the backlash", "behind_backlash")
+    is_driven = _is_driven(model)[model.jnt_dofadr[ids]]
+    if not is_driven.all():
+        name = model.joint(int(ids[~is_driven][0])).name
+        raise entry.error(f"nothing drives {name}: it has no motor's torque", "joints")
+
+
+def _is_driven(model: mujoco.MjModel) -> np.ndarray:
+    """(nv,) bool: whether some actuator acts on each degree of freedom, also by a tendon."""
+    data, moments = mujoco.MjData(model), np.zeros((model.nu, model.nv))
+    mujoco.mj_forward(model, data)
+    places = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    mujoco.mju_sparse2dense(moments, data.actuator_moment, *places)
+    return (moments != 0).any(axis=0)
 
 
 def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:
