@@ -632,7 +632,7 @@ def is_alive(pid: int) -> bool:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("kills", "num_runs"), [(6, 10), pytest.param(100, 60, marks=pytest.mark.slow)]
+    ("kills", "num_runs"), [(6, 10), pytest.param(100, 150, marks=pytest.mark.slow)]
 )
 def test_kills_at_random_lose_and_double_nothing(beside, start_driver, kills, num_runs):
     """Of runs, of the driver, and of both at once."""
