@@ -8,6 +8,7 @@ import numpy as np
 from simtune.observation import JointSensor, Quantity
 from simtune.parameters.backlash_joints import play_of
 from simtune.parameters.joint_types import HINGE, HINGE_OR_SLIDE
+from simtune.simulation.driven_joints import driven_joints
 from simtune.tasks.tuning_file.object_names import find_objects
 from simtune.toml_reading import TomlTable
 from simtune.units import PER_RAD_OR_M, TURNS
@@ -102,19 +103,10 @@ def _check_torque(entry: TomlTable, model: mujoco.MjModel, ids: np.ndarray) -> N
         raise entry.error("give the noise of a torque: nothing is usual", "quantity")
     if entry.flag("behind_backlash", default=False):
         raise entry.error("motors exert torques before the backlash", "behind_backlash")
-    is_driven = _is_driven(model)[model.jnt_dofadr[ids]]
-    if not is_driven.all():
-        name = model.joint(int(ids[~is_driven][0])).name
+    driven = driven_joints(model)
+    if idle := [joint for joint in ids.tolist() if joint not in driven]:
+        name = model.joint(idle[0]).name
         raise entry.error(f"nothing drives {name}: it has no motor's torque", "joints")
-
-
-def _is_driven(model: mujoco.MjModel) -> np.ndarray:
-    """(nv,) bool: whether some actuator acts on each degree of freedom, also by a tendon."""
-    data, moments = mujoco.MjData(model), np.zeros((model.nu, model.nv))
-    mujoco.mj_forward(model, data)
-    places = data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    mujoco.mju_sparse2dense(moments, data.actuator_moment, *places)
-    return (moments != 0).any(axis=0)
 
 
 def _own_unit(model: mujoco.MjModel, ids: np.ndarray) -> str:
